@@ -1,0 +1,50 @@
+"""The one error that users see: a line that says what, where, received, allowed and what to do next."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class UserError(ValueError):
+    """A mistake in a file, a configuration or a command that its author can mend.
+
+    Args:
+        what: what is wrong, in a few words.
+        where: the file, column, row or configuration key.
+        received: the value found there (omitted where there is none).
+        allowed: the values that would be right.
+        fix: what to do next.
+
+    The message is a single line, so that a terminal shows it whole::
+
+        negative mass: system.parameters.m_b is -0.5 kg; allowed: above 0 kg; set it to the box's mass
+    """
+
+    def __init__(self, what: str, *, where: str = "", received: object = None, allowed: str = "", fix: str = ""):
+        self.what, self.where, self.received, self.allowed, self.fix = what, where, received, allowed, fix
+        place = f"{where} is {received}" if where and received is not None else where or ""
+        if not where and received is not None:
+            place = f"received {received}"
+        head = f"{what}: {place}" if place else what
+        tail = [f"allowed: {allowed}" if allowed else "", fix]
+        super().__init__(" ".join("; ".join([head, *filter(None, tail)]).split()))
+
+
+def nearest(name: object, valid: Iterable[str]) -> str:
+    """Return ``did you mean 'x'?`` for the valid name closest to ``name``, or an empty string."""
+    close = difflib.get_close_matches(str(name), list(valid), n=1, cutoff=0.5)
+    return f"did you mean '{close[0]}'?" if close else ""
+
+
+def choose(name: str, table: dict, where: str):
+    """Look ``name`` up in ``table``; raise :class:`UserError` with the nearest valid name otherwise."""
+    if name in table:
+        return table[name]
+    raise UserError(
+        "unknown option",
+        where=where,
+        received=repr(name),
+        allowed=", ".join(sorted(table)),
+        fix=nearest(name, table) or "use one of the allowed names",
+    )

@@ -1,0 +1,1 @@
+"""What is computed from the equations: compiled functions, the implicit integrator, smoothing."""

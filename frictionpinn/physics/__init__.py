@@ -1,0 +1,8 @@
+"""Physics as equations: friction laws and systems, written once in sympy; everything else is derived from them."""
+
+from .base import CONTACT, Contact, FrictionLaw, Parameter
+from .friction import LAWS
+from .system import Coordinate, Input, System
+from .systems import SYSTEMS
+
+__all__ = ["CONTACT", "LAWS", "SYSTEMS", "Contact", "Coordinate", "FrictionLaw", "Input", "Parameter", "System"]

@@ -1,0 +1,108 @@
+"""Building blocks of the symbolic physics: parameters, contacts, friction laws, coordinates."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import sympy as sp
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical constant with its unit and its physical limits.
+
+    Attributes:
+        name: symbol and configuration key.
+        unit: SI unit; in friction laws ``{F}`` and ``{L}`` stand for the system's units of force and of slip.
+        value: value used where a configuration gives none (systems); laws carry None: data or configuration tell.
+        low, high: physical limits (not a search range).
+        neutral: the value that switches an effect off, for effects only.
+        text: what it is, in the field's words.
+    """
+
+    name: str
+    unit: str
+    text: str
+    value: float | None = None
+    low: float = 0.0
+    high: float = math.inf
+    neutral: float | None = None
+
+    @property
+    def symbol(self) -> sp.Symbol:
+        """The real symbol that stands for it in every equation."""
+        return sp.Symbol(self.name, real=True)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What a friction law sees: slip velocity, normal force magnitude, bristle state and its rate (symbols)."""
+
+    v: sp.Symbol
+    N: sp.Symbol
+    z: sp.Symbol
+    zdot: sp.Symbol
+
+
+CONTACT = Contact(*sp.symbols("v_slip N z zdot", real=True))
+
+
+class FrictionLaw:
+    """A friction law: force from slip velocity, normal force and, where it has memory, the bristle state.
+
+    Subclasses set ``name``, ``parameters`` and override :meth:`force`; laws with memory override
+    :meth:`bristle_rate` and :meth:`capacity` too. Every method returns a sympy expression in the symbols of
+    ``c`` (:class:`Contact`) and ``p`` (a namespace of parameter symbols). The force opposes positive slip
+    velocity: the equation of motion receives ``-force``.
+    """
+
+    name: str = ""
+    parameters: tuple[Parameter, ...] = ()
+    memory: bool = False
+
+    def force(self, c: Contact, p: SimpleNamespace) -> sp.Expr:
+        """Friction force, in the system's unit of force, as a function of v, N, z and z'."""
+        raise NotImplementedError
+
+    def capacity(self, c: Contact, p: SimpleNamespace) -> sp.Expr:
+        """g(v, N): the magnitude of the bristle force in steady sliding."""
+        raise NotImplementedError
+
+    def bristle_rate(self, c: Contact, p: SimpleNamespace) -> sp.Expr:
+        """z', in the system's unit of slip per second, as a function of v, N and z."""
+        raise NotImplementedError
+
+    def constraints(self, p: SimpleNamespace) -> tuple[sp.Expr, ...]:
+        """Expressions of the parameters that must not be negative (mu_s - mu_c)."""
+        return ()
+
+    @property
+    def symbols(self) -> SimpleNamespace:
+        """Namespace of the parameter symbols, ``p.mu_c``."""
+        return SimpleNamespace(**{par.name: par.symbol for par in self.parameters})
+
+
+def sign_smooth(v: sp.Expr, v_t: sp.Expr) -> sp.Expr:
+    """Sign of the slip velocity, regularised over the transition velocity ``v_t``: tanh(v / v_t)."""
+    return sp.tanh(v / v_t)
+
+
+def stribeck_curve(c: Contact, p: SimpleNamespace) -> sp.Expr:
+    """Stribeck curve N (mu_c + (mu_s - mu_c) exp(-|v/v_s|^alpha)).
+
+    The tiny constant keeps the derivative in alpha finite at v = 0 (0^alpha log 0); it moves the exponent by 1e-12.
+    """
+    ratio = (c.v / p.v_s) ** 2 + sp.Float(1e-12)
+    return c.N * (p.mu_c + (p.mu_s - p.mu_c) * sp.exp(-(ratio ** (p.alpha / 2))))
+
+
+MU_C = Parameter("mu_c", "1", "Coulomb friction coefficient")
+MU_S = Parameter("mu_s", "1", "static friction coefficient (breakaway)")
+V_S = Parameter("v_s", "{L}/s", "Stribeck velocity", low=1e-9)
+ALPHA = Parameter("alpha", "1", "Stribeck shape exponent", value=2.0, low=0.1, high=10.0)
+V_T = Parameter("v_t", "{L}/s", "transition velocity of the regularised sign", value=1e-4, low=1e-9)
+SIGMA_0 = Parameter("sigma_0", "{F}/{L}", "bristle stiffness", low=1e-9)
+SIGMA_1 = Parameter("sigma_1", "{F}*s/{L}", "bristle damping")
+SIGMA_2 = Parameter("sigma_2", "{F}*s/{L}", "viscous friction")

@@ -1,0 +1,11 @@
+"""The friction laws. A new law is one file, one YAML in conf/friction and one line here."""
+
+from .coulomb import Coulomb
+from .coulomb_viscous import CoulombViscous
+from .dahl import Dahl
+from .lugre import LuGre
+from .stribeck import Stribeck
+
+LAWS = {law.name: law for law in (Coulomb, CoulombViscous, Stribeck, Dahl, LuGre)}
+
+__all__ = ["LAWS", "Coulomb", "CoulombViscous", "Dahl", "LuGre", "Stribeck"]

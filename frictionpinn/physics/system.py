@@ -1,0 +1,244 @@
+"""A mechanical system with one frictional contact, derived from its energies by Lagrange's method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from types import SimpleNamespace
+
+import sympy as sp
+
+from ..errors import UserError, nearest
+from .base import Parameter
+
+TIME = sp.Symbol("t", real=True)
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A generalised coordinate and the signals that measure it.
+
+    Attributes:
+        signals: names of position, velocity and acceleration in a recording, ("x", "v", "a").
+        units: their SI units.
+        constrained: held at zero by the contact; its equation of motion gives the normal force.
+    """
+
+    name: str
+    signals: tuple[str, str, str] = ("", "", "")
+    units: tuple[str, str, str] = ("m", "m/s", "m/s^2")
+    constrained: bool = False
+
+    @cached_property
+    def symbols(self) -> tuple[sp.Symbol, sp.Symbol, sp.Symbol]:
+        """Symbols of position, velocity and acceleration."""
+        q, qd, qdd = sp.symbols(f"{self.name} {self.name}_dot {self.name}_ddot", real=True)
+        return q, qd, qdd
+
+
+@dataclass(frozen=True)
+class Input:
+    """A measured or prescribed generalised force: signal name, SI unit, and what it is."""
+
+    name: str
+    unit: str
+    text: str
+
+    @property
+    def symbol(self) -> sp.Symbol:
+        """The symbol that stands for it."""
+        return sp.Symbol(f"{self.name}_in", real=True)
+
+
+class System:
+    """Base class of all systems: subclasses give energies, forces and the slip velocity, the rest is derived.
+
+    Subclasses set the class attributes and override :meth:`kinetic` and :meth:`slip_velocity`, and where they need
+    them :meth:`potential`, :meth:`dissipation` (Rayleigh), :meth:`applied` and :meth:`normal_force`. Methods receive
+    ``s``, a namespace with the symbols of every coordinate (``s.x``, ``s.x_dot``, ``s.x_ddot``) and input, and ``p``,
+    the parameter symbols.
+
+    With E the Euler-Lagrange expression of a coordinate (left-hand side minus applied forces) and
+    J = d v_slip / d qd, the equation of motion is E + J F_f = 0.
+
+    Attributes:
+        driven: coordinates whose motion is prescribed when simulating (the swing of the PoB).
+        massless: the motion is imposed and the force measured: no equation of motion is integrated (damper).
+        force_unit, slip_unit: SI units of the friction force and of slip ("N*m" and "rad" for a joint).
+    """
+
+    name: str = ""
+    title: str = ""
+    coordinates: tuple[Coordinate, ...] = ()
+    inputs: tuple[Input, ...] = ()
+    parameters: tuple[Parameter, ...] = ()
+    driven: tuple[str, ...] = ()
+    massless: bool = False
+    force_unit: str = "N"
+    slip_unit: str = "m"
+    equations_allowed: tuple[str, ...] = ("lagrange",)
+
+    def __init__(self, equations: str = "lagrange", driven: tuple[str, ...] | None = None, **values: float):
+        if equations not in self.equations_allowed:
+            raise UserError(
+                "unknown equations",
+                where="system.equations",
+                received=repr(equations),
+                allowed=", ".join(self.equations_allowed),
+                fix=nearest(equations, self.equations_allowed) or "use the default, lagrange",
+            )
+        self.equations = equations
+        self.driven = self.driven if driven is None else tuple(driven)
+        self.values = {par.name: par.value for par in self.parameters}
+        for name, value in values.items():
+            self._check(name, value)
+            self.values[name] = float(value)
+
+    def _check(self, name: str, value: float) -> None:
+        table = {par.name: par for par in self.parameters}
+        where = f"system.parameters.{name}"
+        if name not in table:
+            raise UserError(
+                f"unknown parameter of system {self.name}",
+                where=where,
+                received=value,
+                allowed=", ".join(table),
+                fix=nearest(name, table),
+            )
+        par = table[name]
+        try:
+            inside = par.low <= float(value) <= par.high and not (par.low == 0 and float(value) == 0 and "kg" in par.unit)
+        except (TypeError, ValueError):
+            inside = False
+        if not inside:
+            raise UserError(
+                f"{par.text} out of its physical range",
+                where=where,
+                received=f"{value} {par.unit}",
+                allowed=f"{par.low:g} to {par.high:g} {par.unit}" + (" (not 0)" if "kg" in par.unit else ""),
+                fix="give the measured value in SI units",
+            )
+
+    # what a subclass says ------------------------------------------------------------------------------------
+    def kinetic(self, s: SimpleNamespace, p: SimpleNamespace) -> sp.Expr:
+        """Kinetic energy, J."""
+        return sp.Integer(0)
+
+    def potential(self, s: SimpleNamespace, p: SimpleNamespace) -> sp.Expr:
+        """Potential energy, J."""
+        return sp.Integer(0)
+
+    def dissipation(self, s: SimpleNamespace, p: SimpleNamespace) -> sp.Expr:
+        """Rayleigh dissipation function of dampers other than the contact, W."""
+        return sp.Integer(0)
+
+    def applied(self, s: SimpleNamespace, p: SimpleNamespace) -> dict[str, sp.Expr]:
+        """Generalised applied force of each coordinate, by the coordinate's name."""
+        return {}
+
+    def slip_velocity(self, s: SimpleNamespace, p: SimpleNamespace) -> sp.Expr:
+        """Slip velocity of the contact, linear in the generalised velocities."""
+        raise NotImplementedError
+
+    def normal_force(self, s: SimpleNamespace, p: SimpleNamespace) -> sp.Expr:
+        """Normal force; by default the constraint force of the constrained coordinate."""
+        for coordinate in self.coordinates:
+            if coordinate.constrained:
+                return self.euler_lagrange(coordinate)
+        raise NotImplementedError
+
+    # what follows from it ------------------------------------------------------------------------------------
+    @cached_property
+    def s(self) -> SimpleNamespace:
+        """Symbols of the coordinates, their rates and the inputs."""
+        space: dict[str, sp.Symbol] = {}
+        for coordinate in self.coordinates:
+            space.update({symbol.name: symbol for symbol in coordinate.symbols})
+        space.update({item.name: item.symbol for item in self.inputs})
+        return SimpleNamespace(**space)
+
+    @cached_property
+    def p(self) -> SimpleNamespace:
+        """Symbols of the parameters."""
+        return SimpleNamespace(**{par.name: par.symbol for par in self.parameters})
+
+    @cached_property
+    def moving(self) -> tuple[Coordinate, ...]:
+        """Coordinates that move (all but the constrained ones)."""
+        return tuple(c for c in self.coordinates if not c.constrained)
+
+    @cached_property
+    def free(self) -> tuple[Coordinate, ...]:
+        """Coordinates whose equation of motion holds the friction force and no unknown drive."""
+        return tuple(c for c in self.moving if c.name not in self.driven)
+
+    def _time_derivative(self, expr: sp.Expr) -> sp.Expr:
+        total = sp.Integer(0)
+        for coordinate in self.coordinates:
+            q, qd, qdd = coordinate.symbols
+            total += sp.diff(expr, q) * qd + sp.diff(expr, qd) * qdd
+        return total
+
+    def _contact_holds(self, expr: sp.Expr) -> sp.Expr:
+        zero = {symbol: 0 for c in self.coordinates if c.constrained for symbol in c.symbols}
+        return sp.simplify(expr.subs(zero))
+
+    def euler_lagrange(self, coordinate: Coordinate) -> sp.Expr:
+        """d/dt dT/dqd - dT/dq + dV/dq + dD/dqd - Q of a coordinate, without the contact's friction and normal force."""
+        q, qd, _ = coordinate.symbols
+        kinetic, potential = self.kinetic(self.s, self.p), self.potential(self.s, self.p)
+        expr = self._time_derivative(sp.diff(kinetic, qd)) - sp.diff(kinetic, q) + sp.diff(potential, q)
+        expr += sp.diff(self.dissipation(self.s, self.p), qd)
+        return self._contact_holds(expr - self.applied(self.s, self.p).get(coordinate.name, sp.Integer(0)))
+
+    def residual(self, coordinate: Coordinate) -> sp.Expr:
+        """The Euler-Lagrange expression in the chosen form of the equations (an override may publish another)."""
+        return self.euler_lagrange(coordinate)
+
+    @cached_property
+    def v_slip(self) -> sp.Expr:
+        """Slip velocity as an expression."""
+        return self._contact_holds(sp.sympify(self.slip_velocity(self.s, self.p)))
+
+    @cached_property
+    def N(self) -> sp.Expr:
+        """Normal force as an expression."""
+        return self._contact_holds(sp.sympify(self.normal_force(self.s, self.p)))
+
+    @cached_property
+    def jacobian(self) -> dict[str, sp.Expr]:
+        """J = d v_slip / d qd, by coordinate name."""
+        return {c.name: sp.diff(self.v_slip, c.symbols[1]) for c in self.moving}
+
+    @cached_property
+    def friction_implied(self) -> sp.Expr:
+        """The friction force that the measured motion implies: the least-squares solution of E + J F_f = 0."""
+        rows = [(self.jacobian[c.name], self.residual(c)) for c in self.free if self.jacobian[c.name] != 0]
+        return sp.simplify(-sum(j * e for j, e in rows) / sum(j * j for j, _ in rows))
+
+    @cached_property
+    def a_slip(self) -> sp.Expr:
+        """Slip acceleration: the time derivative of the slip velocity."""
+        return sp.simplify(self._time_derivative(self.v_slip))
+
+    @cached_property
+    def a_frictionless(self) -> sp.Expr:
+        """Slip acceleration if the contact had no friction; that of the imposed motion where it is imposed."""
+        if self.massless:
+            return self.a_slip
+        accelerations = [c.symbols[2] for c in self.free]
+        solution = sp.solve([self.residual(c) for c in self.free], accelerations, dict=True)[0]
+        return sp.simplify(self.a_slip.subs(solution))
+
+    @property
+    def signal_units(self) -> dict[str, str]:
+        """SI unit of every signal that a recording of this system may hold."""
+        units = {"t": "s"}
+        for coordinate in self.moving:
+            units.update(zip(coordinate.signals, coordinate.units, strict=True))
+        units.update({item.name: item.unit for item in self.inputs})
+        return {name: unit for name, unit in units.items() if name}
+
+    def unit(self, parameter: Parameter) -> str:
+        """Unit of a law's parameter on this system: {F} and {L} become the units of force and slip."""
+        return parameter.unit.format(F=self.force_unit, L=self.slip_unit)
