@@ -1,0 +1,1 @@
+"""Recordings: reading, checking, units, noise, excitation, DataModules."""

@@ -1,0 +1,130 @@
+"""What a recording must satisfy before anything is learned from it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+
+import numpy as np
+
+from frictionpinn.data.recording import Recording, Trial
+from frictionpinn.errors import UserError
+
+MIN_SAMPLES = 10
+
+
+def check_trial(
+    trial: Trial,
+    where: str,
+    required: Iterable[str] = (),
+    *,
+    rows: np.ndarray | None = None,
+    columns: Mapping[str, str] | None = None,
+    split: str = "give trial_column, or split the file",
+) -> None:
+    """Check one trial: enough samples, finite values, and time that increases.
+
+    Args:
+        trial: the trial, in SI units.
+        where: the file that errors shall name.
+        required: signals that must be present.
+        rows: row of the file that each sample came from, shape (n,), counted from 1 without the header.
+        columns: signal name -> column of the file, for errors.
+        split: advice where time goes backwards.
+
+    Raises:
+        UserError: the first thing found wrong.
+    """
+    columns = columns or {}
+    rows = np.arange(1, len(trial) + 1) if rows is None else rows
+    _check_present(trial, where, required)
+    if len(trial) < MIN_SAMPLES:
+        raise UserError(
+            "too few samples",
+            where=f"{where}, trial '{trial.name}'",
+            received=f"{len(trial)} samples long",
+            allowed=f"at least {MIN_SAMPLES}",
+            fix="record longer, or leave this trial out",
+        )
+    for name, values in {"t": trial.t, **trial.signals}.items():
+        _check_finite(values, rows, f"{where}, column '{columns.get(name, name)}'")
+    _check_time(trial, rows, f"{where}, column '{columns.get('t', 't')}'", split)
+
+
+def check_recording(
+    recording: Recording, where: str, required: Iterable[str], allow_constant: Collection[str] = ()
+) -> None:
+    """Check that trials are distinct and that no required signal is constant over the whole recording.
+
+    Args:
+        recording: the recording, in SI units.
+        where: the file or files that errors shall name.
+        required: signals to look at.
+        allow_constant: signals that may be constant, such as a normal force.
+
+    Raises:
+        UserError: a trial name occurs twice, or a signal never changes.
+    """
+    names = recording.names
+    for name in names:
+        if names.count(name) > 1:
+            raise UserError(
+                "two trials with one name",
+                where=where,
+                received=repr(name),
+                allowed="names that differ",
+                fix="rename one of the files, or number the trials differently",
+            )
+    for signal in required:
+        if signal in allow_constant:
+            continue
+        parts = [trial.signals[signal] for trial in recording.trials if signal in trial.signals]
+        if parts and min(part.min() for part in parts) == max(part.max() for part in parts):
+            raise UserError(
+                "signal never changes",
+                where=f"{where}, signal '{signal}'",
+                received=f"{parts[0][0]:g} in every row",
+                allowed="values that vary",
+                fix=f"check which column '{signal}' reads, or list it in allow_constant",
+            )
+
+
+def _check_present(trial: Trial, where: str, required: Iterable[str]) -> None:
+    for signal in required:
+        if signal != "t" and signal not in trial.signals:
+            raise UserError(
+                "missing signal",
+                where=f"{where}, trial '{trial.name}'",
+                received=f"without '{signal}'",
+                allowed=f"present are {', '.join(trial.signals)}",
+                fix=f"name the column of '{signal}' in columns",
+            )
+
+
+def _check_finite(values: np.ndarray, rows: np.ndarray, where: str) -> None:
+    bad = np.flatnonzero(~np.isfinite(values))
+    if not len(bad):
+        return
+    first = values[bad[0]]
+    raise UserError(
+        "missing value" if np.isnan(first) else "infinite value",
+        where=f"{where}, data row {rows[bad[0]]}",
+        received="empty or NaN" if np.isnan(first) else f"{first:g}",
+        allowed="finite numbers",
+        fix=f"fill or cut the {len(bad)} such row{'s' if len(bad) > 1 else ''}",
+    )
+
+
+def _check_time(trial: Trial, rows: np.ndarray, where: str, split: str) -> None:
+    bad = np.flatnonzero(np.diff(trial.t) <= 0)
+    if not len(bad):
+        return
+    k = bad[0]
+    before, after = trial.t[k], trial.t[k + 1]
+    repeats = before == after
+    raise UserError(
+        f"time repeats at row {rows[k + 1]}" if repeats else f"time goes backwards at row {rows[k + 1]}",
+        where=where,
+        received=f"{after:.9g} s after {before:.9g} s",
+        allowed="strictly increasing time within a trial",
+        fix="drop the repeated row" if repeats else split,
+    )

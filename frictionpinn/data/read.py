@@ -1,0 +1,245 @@
+"""Reading of recordings: files of columns become trials of SI signals."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import os
+from collections.abc import Collection, Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from frictionpinn.data.check import check_recording, check_trial
+from frictionpinn.data.recording import Recording, Trial
+from frictionpinn.data.tables import ENDINGS, Table, ending, load_table, numbers
+from frictionpinn.data.units import DIMENSIONLESS, to_si
+from frictionpinn.errors import UserError, nearest
+
+Paths = str | os.PathLike | Iterable[str | os.PathLike]
+
+
+def read_recording(
+    paths: Paths,
+    *,
+    columns: Mapping[str, str | float],
+    units: Mapping[str, str],
+    signal_units: Mapping[str, str],
+    trial_column: str | None = None,
+    gains: Mapping[str, float] | None = None,
+    required: Iterable[str] | None = None,
+    allow_constant: Collection[str] = (),
+    delimiter: str | None = None,
+    decimal: str | None = None,
+) -> Recording:
+    """Read one or several files into a recording in SI units, checked.
+
+    Args:
+        paths: a file, a folder, a glob pattern, or a list of these. Formats: .csv, .txt, .tsv (also .gz), .parquet,
+            .mat (all versions), .npz. Without ``trial_column`` each file is one trial, named by its stem.
+        columns: signal name -> column or variable of the file; ``"t"`` is required. ``"var[0]"`` is a row and
+            ``"var[:, 0]"`` a column of a two-dimensional variable, counted from 0. A number stands for a signal
+            that has this value throughout.
+        units: signal name -> unit of its column ("mm/s"); ``"default": "SI"`` covers the signals not named.
+        signal_units: signal name -> SI unit that the signal wants; "" for dimensionless, which needs no unit.
+        trial_column: column whose values name the trials.
+        gains: signal name -> factor by which the column is multiplied before its unit is read (N/V).
+        required: signals that must vary; by default all that are read from columns.
+        allow_constant: signals that may be constant, such as a normal force.
+        delimiter: of text files; found from the file if None.
+        decimal: decimal mark of text files, "." or ","; found from the file if None.
+
+    Returns:
+        The recording; its checksum is the sha256 of the bytes of all files in order.
+
+    Raises:
+        UserError: unknown file, column or unit; text, NaN or infinity among the numbers; time that repeats or goes
+            backwards; fewer than 10 samples in a trial; a signal that never changes.
+    """
+    gains = gains or {}
+    _check_mappings(columns, units, signal_units, gains)
+    files = find_files(paths)
+    trials: list[Trial] = []
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(_read_bytes(file))
+        table = load_table(file, delimiter, decimal)
+        trials += _trials(table, columns, units, signal_units, gains, trial_column)
+    where = str(files[0]) if len(files) == 1 else f"{files[0]} and {len(files) - 1} more"
+    read = [name for name, column in columns.items() if name != "t" and isinstance(column, str)]
+    recording = Recording(
+        trials=tuple(trials),
+        units={name: signal_units[name] for name in columns if name != "t"},
+        source=", ".join(str(file) for file in files),
+        checksum=digest.hexdigest(),
+    )
+    check_recording(recording, where, read if required is None else required, allow_constant)
+    return recording
+
+
+def find_files(paths: Paths) -> list[Path]:
+    """Return the files that ``paths`` names, each once; folders and patterns in sorted order.
+
+    Raises:
+        UserError: a path that names no file; the message lists similar names that exist.
+    """
+    if isinstance(paths, str | os.PathLike):
+        paths = [paths]
+    files: list[Path] = []
+    for item in paths:
+        files += _expand(Path(item).expanduser())
+    if not files:
+        raise UserError("no files", where="paths", received="an empty list", allowed="at least one file")
+    return list(dict.fromkeys(files))
+
+
+def _expand(path: Path) -> list[Path]:
+    if path.is_file():
+        return [path]
+    if path.is_dir():
+        found = sorted(file for file in path.iterdir() if file.is_file() and ending(file))
+    else:
+        found = [Path(name) for name in sorted(glob.glob(str(path), recursive=True)) if Path(name).is_file()]
+    if found:
+        return found
+    if path.is_dir() or glob.has_magic(str(path)):
+        raise UserError(
+            "no recordings found", where="paths", received=str(path), allowed=f"files ending in {', '.join(ENDINGS)}"
+        )
+    folder = path.parent
+    if not folder.is_dir():
+        raise UserError("unknown file", where="paths", received=str(path), fix=f"the folder {folder} does not exist")
+    present = sorted(file.name for file in folder.iterdir() if ending(file))
+    listed = ", ".join(present[:8]) + (f" and {len(present) - 8} more" if len(present) > 8 else "")
+    raise UserError(
+        "unknown file",
+        where="paths",
+        received=str(path),
+        allowed=f"in {folder} are {listed}" if present else "",
+        fix=nearest(path.name, present) or "check the path",
+    )
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise UserError(
+            "cannot open file", where=str(path), received=error.strerror, fix="check its permissions"
+        ) from error
+
+
+def _check_mappings(
+    columns: Mapping[str, str | float],
+    units: Mapping[str, str],
+    signal_units: Mapping[str, str],
+    gains: Mapping[str, float],
+) -> None:
+    known = {*signal_units, "t"}
+    for option, names, valid in (
+        ("columns", set(columns), known),
+        ("units", set(units), {*known, "default"}),
+        ("gains", set(gains), known),
+    ):
+        for name in sorted(names - valid, key=str):
+            raise UserError(
+                "unknown signal",
+                where=option,
+                received=repr(name),
+                allowed=", ".join(sorted(valid)),
+                fix=nearest(name, valid) or "use one of the allowed names",
+            )
+    if "t" not in columns:
+        raise UserError("no time", where="columns", allowed="an entry 't'", fix="name the column of time as t")
+    for name, gain in gains.items():
+        number = isinstance(gain, int | float) and not isinstance(gain, bool)
+        if not number or not np.isfinite(gain) or gain == 0:
+            raise UserError("gain is no factor", where=f"gains.{name}", received=repr(gain), allowed="a number not 0")
+
+
+def _unit(name: str, units: Mapping[str, str], wanted: str) -> str:
+    """Return the unit of a signal's column."""
+    if name in units:
+        return str(units[name])
+    if wanted in DIMENSIONLESS:
+        return wanted
+    if str(units.get("default", "")) == "SI":
+        return "SI"
+    raise UserError(
+        "missing unit",
+        where=f"units.{name}",
+        allowed=f"the unit of its column, convertible to {wanted}",
+        fix=f"add 'units.{name}: {wanted}', or 'units.default: SI' where all columns are in SI",
+    )
+
+
+def _trials(
+    table: Table,
+    columns: Mapping[str, str | float],
+    units: Mapping[str, str],
+    signal_units: Mapping[str, str],
+    gains: Mapping[str, float],
+    trial_column: str | None,
+) -> list[Trial]:
+    """Split one file into its trials, in SI units and checked."""
+    wanted = {"t": "s", **signal_units}
+    labels = {name: str(column) for name, column in columns.items()}
+    data: dict[str, np.ndarray] = {}
+    for name in ["t", *(name for name in columns if name != "t")]:
+        raw = _raw(table, name, columns[name], len(data["t"]) if data else None)
+        unit = _unit(name, units, wanted[name])
+        data[name] = to_si(raw * float(gains.get(name, 1.0)), unit, wanted[name], f"units.{name}")
+    t = data.pop("t")
+    split = "give trial_column, or split the file" if trial_column is None else f"check the values of '{trial_column}'"
+    trials = []
+    for label, rows in _groups(table, trial_column, len(t)):
+        trial = Trial(label, t[rows], {name: values[rows] for name, values in data.items()})
+        check_trial(trial, str(table.path), data, rows=rows + 1, columns=labels, split=split)
+        trials.append(trial)
+    return trials
+
+
+def _raw(table: Table, name: str, column: str | float, length: int | None) -> np.ndarray:
+    """Return a signal's column as numbers, before gain and unit."""
+    if not isinstance(column, str):
+        if isinstance(column, bool) or not isinstance(column, int | float) or length is None:
+            raise UserError(
+                "no column", where=f"columns.{name}", received=repr(column), allowed="the name of a column, in quotes"
+            )
+        return np.full(length, float(column))
+    values = numbers(table.pick(column, f"columns.{name}"), f"{table.path}, column '{column}'")
+    if length is not None and len(values) != length:
+        raise UserError(
+            "columns of different length",
+            where=f"{table.path}, column '{column}'",
+            received=f"{len(values)} long",
+            allowed=f"{length}, as time",
+            fix="check which variables belong together",
+        )
+    if not len(values):
+        raise UserError("empty file", where=str(table.path), received="without data rows", allowed="at least 10 rows")
+    return values
+
+
+def _groups(table: Table, trial_column: str | None, length: int) -> list[tuple[str, np.ndarray]]:
+    """Return (trial name, row indices from 0) in order of first appearance."""
+    if trial_column is None:
+        end = ending(table.path) or table.path.suffix
+        return [(table.path.name[: -len(end)], np.arange(length))]
+    values = table.pick(trial_column, "trial_column")
+    if len(values) != length:
+        raise UserError(
+            "columns of different length", where=f"{table.path}, column '{trial_column}'", allowed=f"{length}, as time"
+        )
+    groups: dict[str, list[int]] = {}
+    for row, value in enumerate(values.tolist()):
+        if value is None or value != value:
+            raise UserError(
+                "missing value",
+                where=f"{table.path}, column '{trial_column}', data row {row + 1}",
+                received="empty or NaN",
+                allowed="the name or number of the trial",
+            )
+        whole = isinstance(value, float) and value.is_integer()
+        groups.setdefault(str(int(value) if whole else value).strip(), []).append(row)
+    return [(name, np.array(rows)) for name, rows in groups.items()]

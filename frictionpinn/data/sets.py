@@ -1,0 +1,165 @@
+"""The public sets as recordings in SI units, prepared the way that is customary for each."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from frictionpinn.data.prepare import differentiate, prepare_trial, thin
+from frictionpinn.data.public import BRFD_COLUMNS, BRFD_TENSION_LB, DATASETS, fetch, read_brfd
+from frictionpinn.data.recording import Recording, Trial
+from frictionpinn.data.units import to_si
+from frictionpinn.errors import UserError, choose
+
+FIT: dict[str, tuple[str, ...]] = {
+    "emps": ("fit",),
+    "multiarm_pendulum": ("id_1", "id_2", "id_3", "id_4"),
+    "brfd": ("0.25Hz_30lb_0.5in", "0.25Hz_30lb_1.5in", "0.5Hz_30lb_1in", "1Hz_30lb_0.5in"),
+}
+HELD_OUT: dict[str, tuple[str, ...]] = {
+    "emps": ("pulses",),
+    "multiarm_pendulum": ("vad_1", "vad_2", "raw"),
+    "brfd": (
+        "0.25Hz_30lb_1in",
+        "0.5Hz_30lb_0.5in",
+        "0.5Hz_30lb_1.5in",
+        "1Hz_30lb_1in",
+        "1Hz_30lb_1.5in",
+        "2Hz_30lb_0.5in",
+    ),
+}
+
+
+def load_emps(
+    cutoff_hz: float | None = 100.0, rate_hz: float | None = 80.0, thin_cutoff_hz: float | None = None
+) -> Recording:
+    """Load the ball-screw drive EMPS: trials "fit" and "pulses".
+
+    Args:
+        cutoff_hz: zero-phase low-pass of the position before it is differentiated, Hz.
+        rate_hz: rate after low-pass and decimation of all signals, Hz. None keeps the recorded 1 kHz and leaves force
+            and reference unfiltered, for a regression that passes both sides through
+            :func:`frictionpinn.data.prepare.decimate` itself.
+        thin_cutoff_hz: low-pass before decimation, Hz; None takes that of ``decimate``.
+
+    Returns:
+        Signals x, x_ref (m), v (m/s), a (m/s^2), force (N, the motor's).
+
+    Raises:
+        UserError: the files cannot be had (see :func:`frictionpinn.data.public.fetch`).
+    """
+    files = fetch("emps")
+    trials = []
+    for name, path in files.items():
+        file = _loadmat(path)
+        force = float(file["gtau"].item()) * file["vir"].ravel()
+        signals = {"x": file["qm"].ravel(), "x_ref": file["qg"].ravel(), "force": force}
+        trial = Trial(name, file["t"].ravel(), signals)
+        trials.append(prepare_trial(trial, cutoff_hz=cutoff_hz, rate_hz=rate_hz, thin_cutoff_hz=thin_cutoff_hz))
+    units = {"x": "m", "x_ref": "m", "force": "N", "v": "m/s", "a": "m/s^2"}
+    return _recording("emps", trials, units, files)
+
+
+def load_multiarm_pendulum(
+    rate_hz: float = 200.0, cutoff_hz: float | None = 40.0, raw_cutoff_hz: float = 20.0
+) -> Recording:
+    """Load the free-swinging pendulum: trials "id_1" to "id_4", "vad_1", "vad_2" and "raw".
+
+    The id and vad trials follow one another in time without a gap and are one run; "raw" is a later run of low
+    amplitude, at the end of which the pendulum sticks.
+
+    Args:
+        rate_hz: rate after decimation, Hz; recorded are 1 kHz (id, vad; smoothed by the authors) and 10 kHz (raw).
+        cutoff_hz: zero-phase low-pass of the authors' angular rate before it is differentiated, Hz.
+        raw_cutoff_hz: the same for the raw angle, which the encoder quantises to 0.157 mrad, Hz.
+
+    Returns:
+        Signals theta (rad, from upright: it hangs at pi), omega (rad/s), alpha (rad/s^2).
+
+    Raises:
+        UserError: the files cannot be had (see :func:`frictionpinn.data.public.fetch`).
+    """
+    files = fetch("multiarm_pendulum", ["estimation", "raw"])
+    smoothed = _loadmat(files["estimation"])
+    names = [(f"{kind}_{k + 1}", kind, k) for kind in ("id", "vad") for k in range(len(smoothed[f"Time_{kind}"]))]
+    times = [smoothed[f"Time_{kind}"][k, 0].ravel() for _, kind, k in names]
+    states = np.concatenate([smoothed[f"Y_{kind}"][k, 0] for _, kind, k in names], axis=1)
+    # Filtered as the one run that it is, so that no trial has the edges of a filter within the run.
+    t = np.concatenate(times)
+    omega, alpha, _ = differentiate(t, states[1], cutoff_hz)
+    run = thin(Trial("run", t, {"theta": states[0], "omega": omega, "alpha": alpha}), rate_hz, edge_s=0.02)
+    trials = []
+    for (name, _, _), own in zip(names, times, strict=True):
+        inside = (run.t >= own[0]) & (run.t <= own[-1])
+        trials.append(Trial(name, run.t[inside], {key: values[inside] for key, values in run.signals.items()}))
+    trials.append(_raw_pendulum(files["raw"], rate_hz, raw_cutoff_hz))
+    return _recording("multiarm_pendulum", trials, {"theta": "rad", "omega": "rad/s", "alpha": "rad/s^2"}, files)
+
+
+def _raw_pendulum(path: Path, rate_hz: float, cutoff_hz: float) -> Trial:
+    angle = _loadmat(path)["Theta1"][0, 0]
+    trial = Trial("raw", angle["time"].ravel(), {"theta": angle["signals"][0, 0]["values"].ravel().astype(float)})
+    return prepare_trial(
+        trial, position="theta", derivatives=("omega", "alpha"), cutoff_hz=cutoff_hz, rate_hz=rate_hz, edge_s=0.1
+    )
+
+
+def load_brfd(dataset: int = 3, cutoff_hz: float = 50.0, rate_hz: float = 128.0) -> Recording:
+    """Load the sine runs of the banded rotary friction damper; the displacement is imposed, the force measured.
+
+    Args:
+        dataset: 3 (band tension 30 lb, the one of :data:`FIT` and :data:`HELD_OUT`) or 2 (36 lb).
+        cutoff_hz: zero-phase low-pass of all signals, Hz.
+        rate_hz: rate after decimation, Hz; recorded are 1024 Hz.
+
+    Returns:
+        Trials such as "0.25Hz_30lb_0.5in"; signals x (m), v (m/s), a (m/s^2), force (N, the friction force).
+
+    Raises:
+        UserError: no such data set, or the files cannot be had (see :func:`frictionpinn.data.public.fetch`).
+    """
+    if dataset not in BRFD_TENSION_LB:
+        raise UserError("unknown data set", where="brfd dataset", received=repr(dataset), allowed="2, 3")
+    prefix = f"dataset{dataset}_"
+    files = fetch("brfd", [name for name in DATASETS["brfd"].files if name.startswith(prefix)])
+    trials = []
+    for name, path in files.items():
+        rows = dict(zip(BRFD_COLUMNS, read_brfd(path).T, strict=True))
+        signals = {
+            "x": to_si(rows["displacement_in"], "in", "m", "displacement_in"),
+            "force": to_si(rows["force_kip"], "kip", "N", "force_kip"),
+        }
+        # The public times carry seven digits, too few to difference at the end of a run.
+        t = np.linspace(rows["time_s"][0], rows["time_s"][-1], len(rows["time_s"]))
+        trial = Trial(name.removeprefix(prefix), t, signals)
+        trials.append(prepare_trial(trial, cutoff_hz=None, rate_hz=rate_hz, thin_cutoff_hz=cutoff_hz))
+    return _recording("brfd", trials, {"x": "m", "force": "N", "v": "m/s", "a": "m/s^2"}, files)
+
+
+LOADERS: dict[str, Callable[..., Recording]] = {
+    "emps": load_emps,
+    "multiarm_pendulum": load_multiarm_pendulum,
+    "brfd": load_brfd,
+}
+
+
+def load_public(name: str, **options: Any) -> Recording:
+    """Load the public set ``name`` with its loader's options; :class:`UserError` for an unknown name."""
+    return choose(name, LOADERS, "dataset")(**options)
+
+
+def _loadmat(path: Path) -> dict[str, Any]:
+    from scipy.io import loadmat
+
+    return loadmat(path)
+
+
+def _recording(name: str, trials: list[Trial], units: dict[str, str], files: Mapping[str, Path]) -> Recording:
+    """Assemble the recording; its checksum covers the published checksums of the files, which fetching verified."""
+    published = "".join(DATASETS[name].files[key].sha256 for key in files)
+    checksum = hashlib.sha256(published.encode()).hexdigest()
+    return Recording(tuple(trials), units, f"{name}: {DATASETS[name].source}", checksum)

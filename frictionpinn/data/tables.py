@@ -1,0 +1,259 @@
+"""Reading of one file of columns: text, Parquet, MAT and NumPy archives."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import re
+import warnings
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from frictionpinn.data.mat import load_mat
+from frictionpinn.errors import UserError, nearest
+
+TEXT_ENDINGS = (".csv", ".csv.gz", ".txt", ".txt.gz", ".tsv")
+ENDINGS = (*TEXT_ENDINGS, ".parquet", ".mat", ".npz")
+
+_INDEXED = re.compile(r"^(?P<name>.+?)\[\s*(?P<column>:\s*,\s*)?(?P<index>\d+)\s*(?:,\s*:\s*)?\]$")
+
+
+@dataclass(frozen=True)
+class Table:
+    """The columns of one file.
+
+    Attributes:
+        path: the file.
+        names: column or variable names in the order of the file; a name can occur twice.
+        arrays: one array for each name; two-dimensional variables are reached by ``"name[row]"`` or
+            ``"name[:, column]"``, counted from 0.
+    """
+
+    path: Path
+    names: list[str]
+    arrays: list[np.ndarray]
+
+    def pick(self, name: str, where: str) -> np.ndarray:
+        """Return the column ``name``, shape (n,), as stored; :class:`UserError` where there is no single such one."""
+        found = _INDEXED.match(name)
+        base = name if name in self.names or not found else found["name"]
+        if base not in self.names:
+            raise UserError(
+                "unknown column",
+                where=f"{where} in {self.path}",
+                received=repr(name),
+                allowed=", ".join(self.names) or "none, the file holds no columns",
+                fix=nearest(name, self.names) or "use one of the columns present",
+            )
+        if self.names.count(base) > 1:
+            raise UserError(
+                "duplicate column",
+                where=str(self.path),
+                received=f"'{base}' {self.names.count(base)} times in the header",
+                allowed="one column of that name",
+                fix="rename the others",
+            )
+        values = self.arrays[self.names.index(base)]
+        if base != name and found and values.ndim == 2:
+            index, axis = int(found["index"]), 1 if found["column"] else 0
+            if index < values.shape[axis]:
+                return values[:, index] if axis else values[index]
+        elif base == name and sum(size > 1 for size in values.shape) <= 1:
+            return values.reshape(-1)
+        raise UserError(
+            "variable is not one column",
+            where=f"{where} in {self.path}",
+            received=f"{name} of a variable of shape {values.shape}",
+            allowed="a one-dimensional variable, 'name[row]' or 'name[:, column]' counted from 0",
+            fix=f"write for instance '{base}[0]'",
+        )
+
+
+def numbers(values: np.ndarray, where: str) -> np.ndarray:
+    """Return a column as float64, shape (n,); :class:`UserError` with the first row that is not a number."""
+    if values.dtype.kind in "fiub":
+        return values.astype(float)
+    out = np.empty(len(values))
+    for row, value in enumerate(values, start=1):
+        try:
+            out[row - 1] = np.nan if value is None else float(value)
+        except (TypeError, ValueError):
+            raise UserError(
+                "not a number",
+                where=f"{where}, data row {row}",
+                received=repr(str(value))[:60],
+                allowed="numbers",
+                fix="remove rows of text (such as a row of units), or set decimal where the comma marks decimals",
+            ) from None
+    return out
+
+
+def ending(path: Path) -> str | None:
+    """Return which of :data:`ENDINGS` the file name has, or None."""
+    name = path.name.lower()
+    return next((end for end in sorted(ENDINGS, key=len, reverse=True) if name.endswith(end)), None)
+
+
+def load_table(path: Path, delimiter: str | None = None, decimal: str | None = None) -> Table:
+    """Read the file at ``path`` by its ending.
+
+    Raises:
+        UserError: unknown ending, empty file, or content that does not fit the ending.
+    """
+    end = ending(path)
+    if end is None:
+        raise UserError(
+            "unknown file format",
+            where=str(path),
+            received=f"of ending '{path.suffix}'",
+            allowed=", ".join(ENDINGS),
+            fix="export the recording to one of these",
+        )
+    if path.stat().st_size == 0:
+        raise _empty(path)
+    reader = _READERS.get(end)
+    if reader is None:
+        return _load_text(path, delimiter, decimal)
+    try:
+        return reader(path)
+    except UserError:
+        raise
+    except Exception as error:  # on a damaged file these parsers raise errors of almost any kind
+        reason = str(error).split("\n", 1)[0][:120]
+        raise UserError(
+            f"cannot read as {end}", where=str(path), received=reason, fix="export the file again"
+        ) from error
+
+
+def _empty(path: Path) -> UserError:
+    return UserError(
+        "empty file", where=str(path), allowed="a header and at least 10 rows", fix="export the recording again"
+    )
+
+
+def _load_text(path: Path, delimiter: str | None, decimal: str | None) -> Table:
+    import pandas as pd
+
+    lines = [line for line in _decode(path).split("\n") if line.strip()]
+    if not lines:
+        raise _empty(path)
+    try:
+        sep = delimiter or _sniff_delimiter(lines)
+        header = [name.strip() for name in _fields(lines[0], sep)]
+        _check_header(path, header)
+        point = decimal or _sniff_decimal(lines[1:50], sep)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            frame = pd.read_csv(
+                io.StringIO("\n".join(lines[1:])),
+                sep=r"\s+" if sep == " " else sep,
+                decimal=point,
+                header=None,
+                names=list(range(len(header))),
+                index_col=False,
+                skipinitialspace=True,
+                float_precision="round_trip",
+                low_memory=False,
+            )
+    except UserError:
+        raise
+    except (csv.Error, ValueError, OverflowError, pd.errors.ParserWarning) as error:
+        reason = str(error).split("\n", 1)[0][:120]
+        raise UserError(
+            "cannot read as a table",
+            where=str(path),
+            received=reason,
+            allowed="a header row, then rows with as many fields",
+            fix="mend the row, or set delimiter and decimal",
+        ) from error
+    return Table(path, header, [frame[column].to_numpy() for column in frame])
+
+
+def _check_header(path: Path, header: list[str]) -> None:
+    if all(re.fullmatch(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?", name) for name in header):
+        raise UserError(
+            "no header row",
+            where=str(path),
+            received="numbers in the first row",
+            allowed="a first row that names the columns",
+            fix="add one, for instance t,x,force",
+        )
+
+
+def _decode(path: Path) -> str:
+    raw = path.read_bytes()
+    if path.name.lower().endswith(".gz"):
+        try:
+            raw = gzip.decompress(raw)
+        except (OSError, EOFError, zlib.error) as error:
+            raise UserError(
+                "cannot decompress", where=str(path), received=str(error), fix="compress it again"
+            ) from error
+    try:
+        text = raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        # Latin-1 is what older programs write; only names and units can hold such letters.
+        if b"\x00" in raw:
+            raise UserError("not a text file", where=str(path), received=str(error), fix="save it as UTF-8") from error
+        text = raw.decode("latin-1")
+    if "\x00" in text:
+        raise UserError("not a text file", where=str(path), received="zero bytes", fix="save it as UTF-8")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _fields(line: str, sep: str) -> list[str]:
+    return line.split() if sep == " " else next(csv.reader([line], delimiter=sep))
+
+
+def _sniff_delimiter(lines: list[str]) -> str:
+    """Return the delimiter that splits the header and the first rows into equally many fields."""
+    # The comma comes last but one because it can also mark decimals.
+    candidates = [sep for sep in ("\t", ";", ",", " ") if len(_fields(lines[0], sep)) > 1]
+    for sep in candidates:
+        count = len(_fields(lines[0], sep))
+        if all(len(_fields(line, sep)) == count for line in lines[1:20]):
+            return sep
+    return candidates[0] if candidates else ","
+
+
+def _sniff_decimal(lines: list[str], sep: str) -> str:
+    cells = [cell.strip() for line in lines for cell in _fields(line, sep)]
+    commas = any(re.fullmatch(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?", cell) for cell in cells)
+    points = any(re.fullmatch(r"[-+]?\d*\.\d+(?:[eE][-+]?\d+)?", cell) for cell in cells)
+    return "," if sep != "," and commas and not points else "."
+
+
+def _load_parquet(path: Path) -> Table:
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(path)
+    columns = [column.to_pandas().to_numpy() for column in table.columns]
+    return Table(path, [str(name) for name in table.column_names], columns)
+
+
+def _load_npz(path: Path) -> Table:
+    with np.load(path, allow_pickle=False) as archive:
+        return _from_variables(path, {name: archive[name] for name in archive.files})
+
+
+def _load_mat(path: Path) -> Table:
+    return _from_variables(path, load_mat(path))
+
+
+def _from_variables(path: Path, variables: dict[str, Any]) -> Table:
+    """Keep what can be a column: arrays of numbers or text with up to two dimensions."""
+    kept = {
+        name: value
+        for name, value in variables.items()
+        if isinstance(value, np.ndarray) and value.dtype.kind in "fiubU" and value.ndim <= 2
+    }
+    return Table(path, list(kept), list(kept.values()))
+
+
+_READERS: dict[str, Callable[[Path], Table]] = {".parquet": _load_parquet, ".mat": _load_mat, ".npz": _load_npz}
