@@ -257,3 +257,10 @@ def _from_variables(path: Path, variables: dict[str, Any]) -> Table:
 
 
 _READERS: dict[str, Callable[[Path], Table]] = {".parquet": _load_parquet, ".mat": _load_mat, ".npz": _load_npz}
+
+
+def columns_of(path: str | Path) -> list[str]:
+    """Names of the columns or variables of the first file that ``path`` names, in the order of the file."""
+    from frictionpinn.data.read import find_files
+
+    return load_table(find_files(path)[0]).names

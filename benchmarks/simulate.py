@@ -1,0 +1,132 @@
+"""Accuracy and speed of the simulator on six pendulum-on-a-box trials, against scipy's solvers.
+
+Reference: Radau, rtol 1e-10, atol 1e-12. Peer: LSODA on the same equations as scalar functions of ``math``, fed the
+analytic swing, at the loosest rtol whose velocity is within 2e-5 m/s of the reference. Run as
+``python benchmarks/simulate.py``; the table also goes to ``benchmarks/results/simulate.txt``.
+"""
+
+from __future__ import annotations
+
+import platform
+import time
+from pathlib import Path
+
+import numba
+import numpy as np
+import scipy
+import sympy as sp
+from scipy.integrate import solve_ivp
+
+from frictionpinn.numerics.paths import InputPath
+from frictionpinn.numerics.simulate import Simulator
+from frictionpinn.physics import CONTACT, LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.physics.system import TIME
+
+TRUTH = {"sigma_0": 1e5, "sigma_1": 316.23, "sigma_2": 0.4, "mu_c": 0.3, "mu_s": 0.6, "v_s": 1e-3, "alpha": 2.0}
+RATE, TARGET, REPEATS = 400, 2e-5, 9
+W = 2 * sp.pi * sp.Rational(9, 10)
+SWINGS = [(sp.rad(a) * sp.sin(2 * sp.pi * TIME), 2.0) for a in (35, 42.5, 50, 57.5, 65)]
+SWINGS.append((sp.rad(45) * sp.sin(W * TIME + 0.45 * sp.sin(W * TIME)), 4.5))
+TIMES = [np.arange(round(duration * RATE) + 1) / RATE for _, duration in SWINGS]
+
+
+def explicit_rate(mechanism: Mechanism, swing: sp.Expr):
+    """(t, y) -> y' with y = (x, v, z): the mechanism's equations solved for a and z', as scalar ``math`` functions."""
+    (x, v, a), z, zdot = mechanism.free[0].symbols, CONTACT.z, CONTACT.zdot
+    rows = sp.Matrix(mechanism.residuals)
+    solution = rows.jacobian([a, zdot]).LUsolve(-rows.subs({a: 0, zdot: 0}))
+    values = {par.symbol: TRUTH.get(par.name, mechanism.system.values.get(par.name)) for par in mechanism.parameters}
+    motion = {symbol: sp.diff(swing, TIME, order) for order, symbol in enumerate(mechanism.driven[0].symbols)}
+    motion = {symbol: expr.evalf() for symbol, expr in motion.items()}
+    expressions = list(solution.subs(values).subs(motion))
+    function = sp.lambdify([TIME, x, v, z], expressions, "math", cse=True)
+
+    def rate(t, y):
+        x, v, z = y.tolist()
+        return (v, *function(t, x, v, z))
+
+    return rate
+
+
+def run_scipy(rates, method: str, rtol: float, atol: float, **options) -> list[np.ndarray]:
+    """States (n, 3) of the six trials."""
+    start = np.zeros(3)
+    return [
+        solve_ivp(rate, (t[0], t[-1]), start, method, t, rtol=rtol, atol=atol, **options).y.T
+        for rate, t in zip(rates, TIMES, strict=True)
+    ]
+
+
+def error(states: list[np.ndarray], reference: list[np.ndarray], column: int) -> float:
+    """Largest absolute difference of one state over all trials."""
+    return max(float(np.abs(s[:, column] - r[:, column]).max()) for s, r in zip(states, reference, strict=True))
+
+
+def timed(function) -> float:
+    """Wall time of one call, ms."""
+    start = time.perf_counter()
+    function()
+    return 1e3 * (time.perf_counter() - start)
+
+
+def loosest_lsoda(rates, reference) -> tuple[float, float]:
+    """(rtol, error) of LSODA with the loosest rtol of three a decade that meets the target; atol is rtol / 100."""
+    for exponent in np.arange(-3, -12, -1 / 3):
+        rtol = float(10.0**exponent)
+        found = error(run_scipy(rates, "LSODA", rtol, rtol / 100), reference, 1)
+        if found < TARGET:
+            return rtol, found
+    raise SystemExit("LSODA did not reach the target")
+
+
+def main() -> None:
+    mechanism = Mechanism(SYSTEMS["pob"](), LAWS["lugre"]())
+    start = time.perf_counter()
+    simulator = Simulator(mechanism)
+    rates = [explicit_rate(mechanism, swing) for swing, _ in SWINGS]
+    paths = [InputPath.from_expressions(mechanism, t, {"theta": s}) for (s, _), t in zip(SWINGS, TIMES, strict=True)]
+    states = (*(f"{name}(0)" for name in simulator.state_names),)
+    names = [*simulator.parameter_names, *states]
+    simulator.simulate(TIMES[0], paths[0], TRUTH, sensitivities=names)
+    ready = time.perf_counter() - start
+
+    def ours(sensitivities=()):
+        return [simulator.simulate(path.t, path, TRUTH, sensitivities=sensitivities) for path in paths]
+
+    reference = run_scipy(rates, "Radau", 1e-10, 1e-12, max_step=1 / RATE)
+    results = ours()
+    found = [np.column_stack([r.q, r.v, r.z]) for r in results]
+    rtol, lsoda_error = loosest_lsoda(rates, reference)
+    pairs = [
+        (timed(ours), timed(lambda: ours(names)), timed(lambda: run_scipy(rates, "LSODA", rtol, rtol / 100)))
+        for _ in range(REPEATS)
+    ]
+    plain, sensitive, lsoda = np.median(pairs, axis=0)
+    ratio = np.median([c / a for a, _, c in pairs])
+    samples, steps = sum(map(len, TIMES)), sum(len(r.steps) for r in results)
+    lines = [
+        f"Simulator on six pendulum-on-a-box trials with LuGre friction: {samples} samples, {samples / RATE:.1f} s",
+        f"Python {platform.python_version()}, numba {numba.__version__}, scipy {scipy.__version__}, one thread",
+        f"wall times: median of {REPEATS} paired repeats",
+        "",
+        "Largest error against Radau (rtol 1e-10, atol 1e-12)",
+        f"  frictionpinn, default tolerances   v {error(found, reference, 1):.1e} m/s   "
+        f"x {error(found, reference, 0):.1e} m   z {error(found, reference, 2):.1e} m",
+        f"  LSODA, rtol {rtol:.1e}              v {lsoda_error:.1e} m/s   (loosest within {TARGET:.0e})",
+        "",
+        f"  frictionpinn                       {plain:8.1f} ms   ({1e3 * plain / samples:.2f} us a sample, {steps} steps)",
+        f"  frictionpinn, {len(names)} sensitivities     {sensitive:8.1f} ms   ({sensitive / plain:.1f} times plain)",
+        f"  LSODA, scalar math functions       {lsoda:8.1f} ms   ({ratio:.0f} times frictionpinn's time)",
+        "",
+        f"  equations, compiled code and first trial ready after {ready:.1f} s",
+    ]
+    text = "\n".join(lines)
+    print(text)
+    folder = Path(__file__).parent / "results"
+    folder.mkdir(exist_ok=True)
+    (folder / "simulate.txt").write_text(text + "\n")
+
+
+if __name__ == "__main__":
+    main()

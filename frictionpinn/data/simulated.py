@@ -1,0 +1,129 @@
+"""Simulated recordings: trials written in the configuration as functions of time."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import UserError, choose, nearest
+from ..numerics.paths import InputPath
+from ..numerics.simulate import Simulator
+from ..physics import LAWS, System
+from ..physics.mechanism import Mechanism
+from .excitation import parse_expression
+from .recording import Recording, Trial
+
+_OWN_KEYS = ("name", "duration", "initial", "constants")
+
+
+def simulate_recording(
+    system: System, friction: str, truth: Mapping[str, float], trials: Sequence[Mapping[str, Any]], rate_hz: float
+) -> Recording:
+    """Simulate trials without noise.
+
+    Args:
+        system: the mechanism's system, with its parameters' values.
+        friction: name of the friction law that acts.
+        truth: the law's parameters, SI units.
+        trials: each has ``duration`` (s), an expression of time for every driven coordinate (its position) and, where
+            there are any, inputs; optionally ``initial`` (state name -> value), ``constants`` and ``name``.
+        rate_hz: samples per second.
+
+    Returns:
+        Recording with every coordinate's position, velocity and acceleration and the inputs used; ``truth`` holds
+        friction_force, normal_force, v_slip, z and z_rate.
+
+    Raises:
+        UserError: an unknown signal, a missing path, parameters out of range, contact lost.
+    """
+    law = choose(friction, LAWS, "data.friction")()
+    check_truth(law, truth)
+    mechanism = Mechanism(system, law)
+    simulator = Simulator(mechanism)
+    result = [_trial(simulator, dict(truth), trial, k, rate_hz) for k, trial in enumerate(trials)]
+    digest = hashlib.sha256()
+    for trial in result:
+        for name in sorted(trial.signals):
+            digest.update(np.ascontiguousarray(trial.signals[name]).tobytes())
+    units = {name: unit for name, unit in system.signal_units.items() if name in result[0].signals}
+    return Recording(tuple(result), units, f"simulated {mechanism.name}", digest.hexdigest())
+
+
+def check_truth(law, truth: Mapping[str, float]) -> None:
+    """Raise :class:`UserError` for parameters that the law has not, lacks, or that are out of range."""
+    names = [par.name for par in law.parameters]
+    for name in truth:
+        if name not in names:
+            raise UserError(
+                f"unknown parameter of friction law {law.name}",
+                where=f"data.truth.{name}",
+                received=truth[name],
+                allowed=", ".join(names),
+                fix=nearest(name, names),
+            )
+    for par in law.parameters:
+        value = truth.get(par.name, par.value)
+        if value is None or not par.low <= float(value) <= par.high:
+            raise UserError(
+                f"{par.text} missing or out of range",
+                where=f"data.truth.{par.name}",
+                received=value,
+                allowed=f"{par.low:g} to {par.high:g}",
+                fix="give its value in SI units",
+            )
+    if "mu_s" in names and float(truth["mu_s"]) < float(truth["mu_c"]):
+        raise UserError(
+            "static below Coulomb friction",
+            where="data.truth.mu_s",
+            received=truth["mu_s"],
+            allowed=f"at least mu_c = {truth['mu_c']}",
+            fix="raise mu_s or lower mu_c",
+        )
+
+
+def _trial(simulator: Simulator, truth: dict[str, float], spec: Mapping[str, Any], k: int, rate_hz: float) -> Trial:
+    mechanism, where = simulator.mechanism, f"data.trials[{k}]"
+    count = round(float(spec["duration"]) * rate_hz)
+    if count < 10:
+        raise UserError(
+            "trial too short",
+            where=f"{where}.duration",
+            received=f"{spec['duration']} s",
+            allowed=f"at least {10 / rate_hz:g} s (10 samples)",
+            fix="lengthen it or raise data.rate_hz",
+        )
+    t = np.arange(count) / rate_hz
+    driven = [c.signals[0] for c in mechanism.driven]
+    inputs = [item.name for item in mechanism.system.inputs]
+    constants = {key: float(value) for key, value in spec.get("constants", {}).items()}
+    expressions = {}
+    for name, text in spec.items():
+        if name in _OWN_KEYS:
+            continue
+        if name not in driven + inputs:
+            raise UserError(
+                "not a driven coordinate or an input of this system",
+                where=f"{where}.{name}",
+                received=repr(text),
+                allowed=", ".join(driven + inputs),
+                fix=nearest(name, driven + inputs) or "use one of the allowed names",
+            )
+        expressions[name] = parse_expression(str(text), f"{where}.{name}", constants)
+    initial = {key: float(value) for key, value in spec.get("initial", {}).items()}
+    path = InputPath.from_expressions(mechanism, t, expressions)
+    run = simulator.simulate(t, path, truth, initial)
+    unused = {name for name in inputs if name not in expressions}
+    signals = {name: values for name, values in run.signals.items() if name not in unused}
+    truth_signals = {
+        "friction_force": run.F,
+        "normal_force": run.N,
+        "v_slip": run.v_slip,
+        "z": run.z,
+        "z_rate": run.zdot,
+    }
+    if mechanism.system.massless:  # the measured force of a test bench is the friction force
+        signals[inputs[0]] = run.F
+    return Trial(str(spec.get("name", k + 1)), t, signals, truth_signals)

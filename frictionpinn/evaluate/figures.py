@@ -1,0 +1,57 @@
+"""Figures of a training run: a message in the title, axes with units, the baseline beside the model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..data.contact import ContactTrial
+from .force import reference_force
+
+INK = {"reference": "#222222", "model": "#d1495b", "baseline": "#8d99ae", "band": "#e8ecf1"}
+Forces = Mapping[str, np.ndarray]
+
+
+def force_over_time(trial: ContactTrial, forces: Forces, force_unit: str, title: str) -> Figure:
+    """Friction force over time on one trial, and below it the errors; the first of ``forces`` is the model's."""
+    reference, label = reference_force(trial)
+    figure = Figure(figsize=(9, 5), layout="constrained")
+    top, bottom = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 1]})
+    top.plot(trial.t, reference, color=INK["reference"], lw=1.6, label=label)
+    for k, (name, force) in enumerate(forces.items()):
+        color = INK["model"] if k == 0 else INK["baseline"]
+        top.plot(trial.t, force, color=color, lw=1.1, label=name, zorder=3 - k)
+        bottom.plot(trial.t, force - reference, color=color, lw=0.9, zorder=3 - k)
+    bottom.axhline(0.0, color=INK["reference"], lw=0.8)
+    top.set(ylabel=f"friction force ({force_unit})", title=title)
+    bottom.set(xlabel="time (s)", ylabel=f"error ({force_unit})")
+    top.legend(loc="upper right", frameon=False, fontsize=9, ncols=1)
+    low, high = float(reference.min()), float(reference.max())
+    top.set_ylim(low - 0.25 * (high - low), high + 0.6 * (high - low))
+    return figure
+
+
+def force_over_velocity(
+    trials: list[ContactTrial], forces: Mapping[str, list[np.ndarray]], units, title: str
+) -> Figure:
+    """Friction force against slip velocity on the held-out trials: reference as points, the model's force over it.
+
+    Args:
+        forces: name -> forces of each trial; the first is the model's.
+        units: units of force and of slip velocity.
+    """
+    figure = Figure(figsize=(6.5, 5), layout="constrained")
+    axes = figure.subplots()
+    slip = np.concatenate([trial.truth.get("v_slip", trial.offline["v_slip"]) for trial in trials])
+    references = [reference_force(trial) for trial in trials]
+    axes.plot(
+        slip, np.concatenate([r for r, _ in references]), ".", ms=3, color=INK["reference"], label=references[0][1]
+    )
+    for k, (name, parts) in enumerate(forces.items()):
+        style = {"color": INK["model"] if k == 0 else INK["baseline"], "ms": 2, "alpha": 0.6}
+        axes.plot(slip, np.concatenate(parts), ".", label=name, **style)
+    axes.set(xlabel=f"slip velocity ({units[1]})", ylabel=f"friction force ({units[0]})", title=title)
+    axes.legend(loc="best", frameon=False, fontsize=9, markerscale=3)
+    return figure

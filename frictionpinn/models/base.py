@@ -1,0 +1,165 @@
+"""What all variants share: features, network, loss of the equation of motion, optimizer, prediction of a trial."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import lightning as L
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..data.contact import ContactTrial
+from .features import Features
+from .network import FrictionNetwork
+from .optimizers import build_optimizer
+
+Batch = Mapping[str, Tensor]
+
+
+def tensors(trial: ContactTrial, features: Features, source: str = "online") -> dict[str, np.ndarray]:
+    """Arrays of one trial for a model: x, x_rate (n, d); v, N, v_rate, N_rate, target (n, 1).
+
+    Args:
+        source: where v and N in the law come from: ``offline`` when training, ``online`` when predicting.
+    """
+    physics = getattr(trial, source)
+    normal = np.abs(trial.online["normal_force"])
+    seen = {**trial.online, "normal_force": normal}
+    rates = {**trial.rates, "normal_force": trial.rates["normal_force"] * np.sign(trial.online["normal_force"])}
+    load = np.abs(physics["normal_force"])
+    load_rate = rates["normal_force"] if source == "online" else np.gradient(load, trial.t)
+    columns = {
+        "v": physics["v_slip"],
+        "N": load,
+        "v_rate": physics["a_slip"],
+        "N_rate": load_rate,
+        "target": trial.offline["friction_force"],
+    }
+    arrays = {"x": features(trial.t, seen), "x_rate": features(trial.t, rates)}
+    arrays |= {name: np.asarray(values)[:, None] for name, values in columns.items()}
+    return {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in arrays.items()}
+
+
+class FrictionModel(L.LightningModule):
+    """Base of the variants: subclasses give :meth:`predict` and, where they have one, a consistency residual.
+
+    Args:
+        name: bb1, bb2, pe1 or pe2.
+        inputs, windows: see :class:`Features`.
+        network: width, depth, activation, odd.
+        loss: ``force``: normalised (mean square over the target's variance) or plain (N^2); for PE also
+            ``consistency`` (relative or plain) and ``weight`` (lambda).
+        optimizer: see :func:`build_optimizer`.
+        scales: see :func:`frictionpinn.models.start.data_scales`.
+        context: plain values kept with the checkpoint (system, units).
+    """
+
+    def __init__(
+        self,
+        name: str,
+        inputs: list[str],
+        windows: dict[str, list],
+        network: dict[str, Any],
+        loss: dict[str, Any],
+        optimizer: dict[str, Any],
+        scales: dict[str, float],
+        context: dict[str, Any] | None = None,
+        **extra: Any,
+    ):
+        super().__init__()
+        self.save_hyperparameters()
+        self.features = Features.from_config(inputs, windows)
+        self.network = FrictionNetwork(torch.as_tensor(self.features.odd), **network)
+        self.loss, self.scales, self.optimizer_config = dict(loss), dict(scales), dict(optimizer)
+        self.parts: dict[str, Tensor] = {}
+
+    # physics of the variant ----------------------------------------------------------------------------------
+    def predict(self, batch: Batch) -> dict[str, Tensor]:
+        """Return ``force`` (n, 1), N, and for PE ``z``, ``z_rate`` and ``residual`` (z' of network less law, m/s)."""
+        raise NotImplementedError
+
+    def physical(self) -> dict[str, float]:
+        """Current values of the physical parameters, SI units; none for a black box."""
+        return {}
+
+    # training ------------------------------------------------------------------------------------------------
+    def losses(self, batch: Batch) -> dict[str, Tensor]:
+        """Terms of the loss; ``loss`` is their sum."""
+        predicted = self.predict(batch)
+        force = (predicted["force"] - batch["target"]).square().mean()
+        if self.loss["force"] == "normalised":
+            force = force / self.scales["force"] ** 2
+        parts = {"force": force}
+        if "residual" in predicted:
+            residual = predicted["residual"]
+            if self.loss["consistency"] == "relative":
+                residual = residual / (batch["v"].abs() + self.scales["velocity_noise"])
+            parts["consistency"] = float(self.loss["weight"]) * residual.square().mean()
+        parts["loss"] = sum(parts.values(), start=torch.zeros((), device=force.device))
+        return parts
+
+    def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
+        parts = self.losses(batch)
+        self.parts = {name: value.detach() for name, value in parts.items()}
+        if self._logs_now():
+            self.log("loss/training", self.parts["loss"], on_step=False, on_epoch=True, batch_size=len(batch["v"]))
+        return parts["loss"]
+
+    def _logs_now(self) -> bool:
+        """Lightning's ``log`` is as dear as a small step: used only where a checkpoint or a schedule reads the loss."""
+        trainer = self._trainer
+        if trainer is None:
+            return False
+        every = trainer.check_val_every_n_epoch or 1
+        plateau = self.optimizer_config["name"] == "adam_plateau"
+        return plateau or (trainer.current_epoch + 1) % every == 0 or trainer.current_epoch + 1 == trainer.max_epochs
+
+    def validation_step(self, batch: Batch, batch_idx: int) -> None:
+        with torch.enable_grad():
+            loss = self.losses(batch)["loss"].detach()
+        self.log("loss/validation", loss, batch_size=len(batch["v"]))
+
+    def configure_optimizers(self):
+        steps = int(self.trainer.estimated_stepping_batches) if self._trainer is not None else 1000
+        physical = [p for name, p in self.named_parameters() if name.startswith("law_parameters")]
+        weights = [p for name, p in self.named_parameters() if not name.startswith("law_parameters")]
+        return build_optimizer(self.optimizer_config, weights, physical, steps)
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Tell in one line when the checkpoint belongs to another model."""
+        check_same_model(checkpoint, dict(self.hparams))
+
+    # use -----------------------------------------------------------------------------------------------------
+    def fit_scales(self, batch: Batch) -> None:
+        """Standardise the network's inputs by the training data."""
+        self.network.set_scale(batch["x"])
+
+    @torch.no_grad()
+    def predict_trial(self, trial: ContactTrial, source: str = "online") -> dict[str, np.ndarray]:
+        """Force (N) and internal states along one trial, arrays of shape (n,)."""
+        batch = {
+            name: torch.as_tensor(v, device=self.device) for name, v in tensors(trial, self.features, source).items()
+        }
+        return {name: value.squeeze(-1).cpu().numpy().astype(float) for name, value in self.predict(batch).items()}
+
+
+def check_same_model(checkpoint: Mapping[str, Any], hparams: Mapping[str, Any], where: str = "ckpt_path") -> None:
+    """Raise :class:`UserError` unless the checkpoint's variant, inputs and network are those of the configuration."""
+    from ..errors import UserError
+
+    saved = checkpoint.get("hyper_parameters")
+    if not isinstance(saved, Mapping) or "name" not in saved:
+        raise UserError(
+            "not a checkpoint of frictionpinn", where=where, fix="give a file from a run's checkpoints folder"
+        )
+    for key in ("name", "inputs", "windows", "network", "law"):
+        if saved.get(key) != hparams.get(key):
+            raise UserError(
+                "checkpoint of another model",
+                where=where,
+                received=f"{key} = {saved.get(key)}",
+                allowed=f"{key} = {hparams.get(key)}",
+                fix=f"train with model={saved['name']} and the options of that run, or start afresh without ckpt_path",
+            )

@@ -1,0 +1,194 @@
+"""Compiled functions generated from the symbolic physics, kept on disk between processes."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import logging
+import os
+import sys
+import tempfile
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from types import ModuleType
+
+import numba
+import pooch
+import sympy as sp
+from sympy.printing.pycode import PythonCodePrinter
+
+from ..physics import CONTACT
+from ..physics.mechanism import Mechanism
+
+log = logging.getLogger(__name__)
+
+VERSION = 3
+
+_HEADER = '''"""{title}"""
+
+import math
+
+from numba import njit
+
+SIGNATURE = "void(f8[::1],f8[::1],f8[::1],f8[::1],f8[::1])"
+
+'''
+
+_FUNCTION = """
+
+@njit(SIGNATURE, cache=True, fastmath=False, error_model="numpy", nogil=True)
+def {name}(s, w, u, p, out):
+{body}
+"""
+
+
+class _Printer(PythonCodePrinter):
+    def __init__(self):
+        super().__init__({"fully_qualified_modules": True})
+
+    def _print_sign(self, expr: sp.Expr) -> str:
+        x = self._print(expr.args[0])
+        return f"(1.0 if ({x}) > 0.0 else (-1.0 if ({x}) < 0.0 else 0.0))"
+
+
+def _split_powers(expr: sp.Expr) -> sp.Expr:
+    """Write b^(e + n) as b^e b^n, so that a power and its derivative share one evaluation."""
+
+    def split(power: sp.Pow) -> sp.Expr:
+        number, rest = power.exp.as_coeff_Add()
+        return sp.Pow(power.base, rest, evaluate=False) * sp.Pow(power.base, number)
+
+    return expr.replace(lambda e: e.is_Pow and e.exp.is_Add and e.exp.as_coeff_Add()[0].is_Integer, split)
+
+
+def _function_source(name: str, expressions: list[sp.Expr], arguments: dict[sp.Symbol, str]) -> str:
+    """Source of ``name(s, w, u, p, out)`` that writes every expression which is not identically zero."""
+    local = {symbol: sp.Symbol(place.replace("[", "").rstrip("]"), real=True) for symbol, place in arguments.items()}
+    wanted = [(i, _split_powers(expr).xreplace(local)) for i, expr in enumerate(expressions) if expr != 0]
+    steps, results = sp.cse([expr for _, expr in wanted], symbols=sp.numbered_symbols("c"), optimizations=None)
+    used = set().union(*(e.free_symbols for _, e in steps), *(e.free_symbols for e in results))
+    printer = _Printer()
+    lines = [f"{short.name} = {arguments[symbol]}" for symbol, short in local.items() if short in used]
+    lines += [f"{symbol.name} = {printer.doprint(expr)}" for symbol, expr in steps]
+    lines += [f"out[{i}] = {printer.doprint(expr)}" for (i, _), expr in zip(wanted, results, strict=True)]
+    return _FUNCTION.format(name=name, body="\n".join("    " + line for line in lines or ["pass"]))
+
+
+@lru_cache(maxsize=1)
+def cache_folder() -> Path:
+    """Folder of the generated code: ``FRICTIONPINN_CACHE``, else the user's cache; a temporary one if not writable."""
+    folder = Path(os.environ.get("FRICTIONPINN_CACHE") or pooch.os_cache("frictionpinn")) / "compiled"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError as error:
+        temporary = Path(tempfile.mkdtemp(prefix="frictionpinn-"))
+        log.warning("cache folder %s cannot be written (%s): compiling into %s", folder, error.strerror, temporary)
+        return temporary
+
+
+def _load(stem: str, source) -> ModuleType:
+    """Import the generated module ``stem``; ``source()`` writes its text where no process has done so before."""
+    path = cache_folder() / f"{stem}.py"
+    if not path.exists():
+        with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".tmp", delete=False) as handle:
+            handle.write(source())
+        os.replace(handle.name, path)
+    name = f"frictionpinn_compiled_{stem}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"cannot load {path}")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # numba looks the module up by name when it loads compiled code
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+@dataclass(frozen=True)
+class Kernels:
+    """Compiled functions of one mechanism, each ``f(s, w, u, p, out)`` on contiguous float64 vectors.
+
+    State s = (q, v, z) of sizes (n_free, n_free, memory), unknown w = (a, z'), inputs u and parameters p as in
+    :class:`Mechanism`. ``out`` is flat and row-major; entries that are identically zero are not written, so hand
+    over zeros.
+
+    * ``newton``: R (n_w), dR/ds (n_w, n_s), dR/dw (n_w, n_w), normal force (1).
+    * ``parameters``: what ``newton`` writes, then dR/dp (n_w, n_p) and dR/du (n_w, n_u).
+    * ``outputs``: slip velocity, normal force, friction force (3).
+    * ``output_derivatives``: derivatives of the outputs, (3, n_s + n_w + n_p + n_u), in the order s, w, p, u.
+
+    The files' names hold a hash of the equations: equal equations are compiled once on a machine.
+    """
+
+    mechanism: Mechanism
+
+    @cached_property
+    def symbols(self) -> tuple[list[sp.Symbol], ...]:
+        """Symbols of s, w, u and p."""
+        m = self.mechanism
+        memory = [CONTACT.z] if m.law.memory else []
+        state = [c.symbols[0] for c in m.free] + [c.symbols[1] for c in m.free] + memory
+        unknown = [c.symbols[2] for c in m.free] + ([CONTACT.zdot] if memory else [])
+        return state, unknown, list(m.inputs), [par.symbol for par in m.parameters]
+
+    @cached_property
+    def sizes(self) -> tuple[int, int, int, int]:
+        """Lengths of s, w, u and p."""
+        return tuple(len(symbols) for symbols in self.symbols)  # type: ignore[return-value]
+
+    @cached_property
+    def _arguments(self) -> dict[sp.Symbol, str]:
+        return {
+            symbol: f"{vector}[{i}]"
+            for vector, symbols in zip("swup", self.symbols, strict=True)
+            for i, symbol in enumerate(symbols)
+        }
+
+    @cached_property
+    def _outputs(self) -> list[sp.Expr]:
+        m = self.mechanism
+        return [sp.sympify(m.system.v_slip), sp.sympify(m.system.N), m.friction]
+
+    @cached_property
+    def key(self) -> str:
+        """Hash of the equations, of this generator and of numba."""
+        text = sp.srepr((*self.mechanism.residuals, *self._outputs)) + repr(self.symbols)
+        return hashlib.sha256(f"{VERSION} {numba.__version__} {text}".encode()).hexdigest()[:20]
+
+    def _derivatives(self, expressions, symbols: list[sp.Symbol]) -> list[sp.Expr]:
+        return [sp.diff(expr, symbol) for expr in expressions for symbol in symbols]
+
+    def _source(self, functions: dict[str, list[sp.Expr]]) -> str:
+        parts = [_function_source(name, expressions, self._arguments) for name, expressions in functions.items()]
+        return _HEADER.format(title=self.mechanism.name) + "".join(parts)
+
+    def _newton(self) -> list[sp.Expr]:
+        (state, unknown, _, _), rows = self.symbols, list(self.mechanism.residuals)
+        return [*rows, *self._derivatives(rows, state), *self._derivatives(rows, unknown), self._outputs[1]]
+
+    def _plain_source(self) -> str:
+        return self._source({"newton": self._newton(), "outputs": self._outputs})
+
+    def _sensitivity_source(self) -> str:
+        (state, unknown, inputs, parameters), rows = self.symbols, self.mechanism.residuals
+        by_parameter, by_input = self._derivatives(rows, parameters), self._derivatives(rows, inputs)
+        by_all = self._derivatives(self._outputs, [*state, *unknown, *parameters, *inputs])
+        return self._source({"parameters": [*self._newton(), *by_parameter, *by_input], "output_derivatives": by_all})
+
+    @cached_property
+    def plain(self) -> ModuleType:
+        """Module with ``newton`` and ``outputs``."""
+        return _load(f"{self.key}_plain", self._plain_source)
+
+    @cached_property
+    def sensitivity(self) -> ModuleType:
+        """Module with ``parameters`` and ``output_derivatives``."""
+        return _load(f"{self.key}_sensitivity", self._sensitivity_source)

@@ -1,0 +1,103 @@
+"""Sensitivities of a finished simulation, from the steps that it recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .bristle import steady_bristle
+from .codegen import Kernels
+from .paths import InputPath
+from .simulation import Steps
+from .tableau import METHOD
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a simulation is differentiated with respect to.
+
+    Attributes:
+        names: in order, the directions last.
+        columns: index of the parameter that each is, or -1, shape (n_sens,).
+        states: index of the initial state that each is, or -1, shape (n_sens,).
+        directions: derivatives of the input path, for the last entries.
+    """
+
+    names: tuple[str, ...]
+    columns: np.ndarray
+    states: np.ndarray
+    directions: tuple[InputPath, ...]
+
+
+def differentiate(
+    kernels: Kernels,
+    path: InputPath,
+    p: np.ndarray,
+    states: np.ndarray,
+    unknowns: np.ndarray,
+    steps: Steps,
+    wanted: Wanted,
+    steady: bool,
+) -> dict[str, np.ndarray]:
+    """Return name -> derivatives, shape (n, n_sens), as in ``Simulation.sensitivities``.
+
+    The steps are held; apart from that the derivatives are exact. ``steady`` says that the initial bristle state was
+    ``steady_bristle`` and moves with the parameters.
+    """
+    from . import sensitivity  # compiles on a new installation: not before it is needed
+
+    mechanism, m, n = kernels.mechanism, len(kernels.mechanism.free), len(path.t)
+    n_s, n_w, n_u, _ = kernels.sizes
+    bundle = np.zeros((len(wanted.directions), n - 1, n_u, path.coefficients.shape[2]))
+    dinputs = np.zeros((len(wanted.directions), n, n_u))
+    for j, direction in enumerate(wanted.directions):
+        bundle[j], dinputs[j] = direction.coefficients, direction.samples
+    ds, dw = np.zeros((n, n_s, len(wanted.names))), np.zeros((n, n_w, len(wanted.names)))
+    if n_w:
+        start = start_sensitivity(kernels, path.coefficients[0, :, 0], p, states[0], wanted, steady)
+        ds, dw = sensitivity.propagate(
+            kernels.sensitivity.parameters, METHOD.a, METHOD.c, path.t, path.coefficients, p, m, states[0], unknowns[0],
+            start, wanted.columns, bundle, steps.interval, steps.size, steps.unknowns,
+        )  # fmt: skip
+    kernel = kernels.sensitivity.output_derivatives
+    outputs = sensitivity.output_sensitivities(
+        kernel, states, unknowns, path.samples, p, ds, dw, wanted.columns, dinputs, 3
+    )
+    result = dict(zip(("v_slip", "N", "F"), np.moveaxis(outputs, 1, 0), strict=True))
+    zero = np.zeros((n, len(wanted.names)))
+    result["z"], result["zdot"] = (ds[:, -1], dw[:, -1]) if mechanism.law.memory else (zero, zero)
+    for j, coordinate in enumerate(mechanism.free):
+        result.update(zip(coordinate.signals, (ds[:, j], ds[:, m + j], dw[:, j]), strict=True))
+    return result
+
+
+def start_sensitivity(
+    kernels: Kernels, u: np.ndarray, p: np.ndarray, start: np.ndarray, wanted: Wanted, steady: bool
+) -> np.ndarray:
+    """Derivative of the initial state, shape (n_s, n_sens).
+
+    That of a steady bristle is a central difference of its formula; at rest it jumps with the direction of slip, and
+    its derivative in an initial velocity is left at 0.
+    """
+    result = np.zeros((len(start), len(wanted.names)))
+    for c, state in enumerate(wanted.states):
+        if state >= 0:
+            result[state, c] = 1.0
+    if not steady or not kernels.mechanism.law.memory:
+        return result
+    first = len(wanted.names) - len(wanted.directions)
+    for c in range(len(wanted.names)):
+        base = (start, u, p)
+        if c >= first:
+            change, which = wanted.directions[c - first].coefficients[0, :, 0], 1
+            size = 1e-6 / max(float(np.abs(change).max()), 1e-12)
+        else:
+            which, index = (2, wanted.columns[c]) if wanted.columns[c] >= 0 else (0, wanted.states[c])
+            change = np.eye(len(base[which]))[index]
+            size = 1e-6 * abs(base[which][index])
+        if size > 0 and not (which == 0 and index == len(start) - 1):
+            shifted = [[x + sign * size * change if i == which else x for i, x in enumerate(base)] for sign in (1, -1)]
+            above, below = (steady_bristle(kernels, *values) for values in shifted)
+            result[-1, c] = (above - below) / (2 * size)
+    return result

@@ -1,0 +1,177 @@
+"""Forward sensitivities of the implicit integrator, by differentiating its steps with their sizes held.
+
+With S = ds/dc and W = dw/dc for the quantities c, each stage satisfies R_s S_i + R_w W_i + R_p dp/dc + R_u du/dc = 0
+together with the stage's own relation between S_i and W_i: a linear system with Newton's matrix.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, types
+
+from .integrator import F1, F2, F3, KERNEL, OPTIONS, evaluate, factorize, gather, newton_matrix, place
+
+F4 = types.float64[:, :, :, ::1]
+I1 = types.int64[::1]
+
+
+@njit(**OPTIONS)
+def known_part(out, m, hg, columns, n_p, directions, k, offset, known, du, rhs):
+    """Write -(R_s S_known + R_p + R_u du/dc), what the stage's own unknowns do not enter, into rhs (n_w, n_c)."""
+    n_s, n_w, n_c, n_u = known.shape[0], rhs.shape[0], rhs.shape[1], du.shape[0]
+    by_p = n_w + n_w * (n_s + n_w) + 1
+    by_u = by_p + n_w * n_p
+    for i in range(n_w):
+        for c in range(n_c):
+            rhs[i, c] = -out[by_p + i * n_p + columns[c]] if columns[c] >= 0 else 0.0
+        for d in range(n_s):
+            value = out[n_w + i * n_s + d]
+            if d >= m and d < 2 * m:
+                value += hg * out[n_w + i * n_s + d - m]
+            if value != 0.0:
+                for c in range(n_c):
+                    rhs[i, c] -= value * known[d, c]
+    first = n_c - directions.shape[0]
+    for j in range(directions.shape[0]):
+        evaluate(directions[j], k, offset, du)
+        for i in range(n_w):
+            for d in range(n_u):
+                rhs[i, first + j] -= out[by_u + i * n_u + d] * du[d]
+
+
+@njit(**OPTIONS)
+def solve_rows(matrix, pivots, b):
+    """Solve in place for all columns of b, given the LU factors."""
+    n, n_c = b.shape
+    for j in range(n):
+        if pivots[j] != j:
+            for c in range(n_c):
+                b[j, c], b[pivots[j], c] = b[pivots[j], c], b[j, c]
+        for i in range(j + 1, n):
+            for c in range(n_c):
+                b[i, c] -= matrix[i, j] * b[j, c]
+    for j in range(n - 1, -1, -1):
+        for c in range(n_c):
+            b[j, c] /= matrix[j, j]
+        for i in range(j):
+            for c in range(n_c):
+                b[i, c] -= matrix[i, j] * b[j, c]
+
+
+@njit(**OPTIONS)
+def gather_rows(a, i, h, start, stages_v, stages_w, known):
+    """As ``gather``, for the sensitivities: stages_v (stages, m, n_c), stages_w (stages, n_w, n_c)."""
+    m, n_c = stages_v.shape[1], start.shape[1]
+    known[:] = start
+    for j in range(i):
+        ha = h * a[i, j]
+        for d in range(m):
+            for c in range(n_c):
+                known[d, c] += ha * stages_v[j, d, c]
+        for d in range(stages_w.shape[1]):
+            for c in range(n_c):
+                known[m + d, c] += ha * stages_w[j, d, c]
+
+
+@njit(**OPTIONS)
+def place_rows(known, w, hg, m, result):
+    """As ``place``, for the sensitivities: result, known (n_s, n_c), w (n_w, n_c)."""
+    n_c = known.shape[1]
+    for j in range(m):
+        for c in range(n_c):
+            result[m + j, c] = known[m + j, c] + hg * w[j, c]
+            result[j, c] = known[j, c] + hg * result[m + j, c]
+    for j in range(2 * m, known.shape[0]):
+        for c in range(n_c):
+            result[j, c] = known[j, c] + hg * w[j - m, c]
+
+
+@njit(
+    types.Tuple((F3, F3))(KERNEL, F2, F1, F1, F3, F1, types.int64, F1, F1, F2, I1, F4, I1, F2, F3),
+    **OPTIONS,
+)  # fmt: skip
+def propagate(
+    kernel, a, c, t, coefficients, p, m, s_start, w_start, start, columns, directions, record_k, record_h, record_w
+):
+    """Sensitivities at the samples: ds/dc (n, n_s, n_c) and dw/dc (n, n_w, n_c).
+
+    Args:
+        s_start, w_start: state and unknown at the first sample.
+        start: ds/dc there, shape (n_s, n_c).
+        columns: index of the parameter that each c is, or -1.
+        directions: du/dc for the last entries of c, shape (n_directions, n - 1, n_u, 6), as path coefficients.
+        record_k, record_h, record_w: the steps that ``integrate`` recorded.
+    """
+    n, n_s, n_c, n_w, stages = t.shape[0], start.shape[0], start.shape[1], w_start.shape[0], a.shape[0]
+    n_p, n_u = p.shape[0], coefficients.shape[1]
+    states, unknowns = np.empty((n, n_s, n_c)), np.empty((n, n_w, n_c))
+    out = np.zeros(n_w + n_w * (n_s + n_w) + 1 + n_w * (n_p + n_u))
+    matrix, pivots, u, du = np.empty((n_w, n_w)), np.empty(n_w, np.int64), np.empty(n_u), np.empty(n_u)
+    s, s0, known = s_start.copy(), s_start.copy(), np.empty(n_s)
+    stages_v, stages_w = np.zeros((stages, m)), np.zeros((stages, n_w))
+    ds, ds0, dknown, rhs = start.copy(), start.copy(), start.copy(), np.empty((n_w, n_c))
+    dstages_v, dstages_w = np.zeros((stages, m, n_c)), np.zeros((stages, n_w, n_c))
+    evaluate(coefficients, 0, 0.0, u)
+    kernel(s, w_start, u, p, out)
+    newton_matrix(out, m, n_w, 0.0, matrix)
+    factorize(matrix, pivots)
+    known_part(out, m, 0.0, columns, n_p, directions, 0, 0.0, ds, du, rhs)
+    solve_rows(matrix, pivots, rhs)
+    states[0], unknowns[0] = ds, rhs
+    for index in range(record_k.shape[0]):
+        k, offset, h = record_k[index], record_h[index, 0], record_h[index, 1]
+        stages_w[:] = record_w[index]
+        stages_v[0] = s0[m : 2 * m]
+        dstages_v[0] = ds0[m : 2 * m]
+        dstages_w[0] = rhs
+        for i in range(1, stages):
+            hg = h * a[i, i]
+            gather(a, i, h, s0, stages_v, stages_w, known)
+            place(known, stages_w[i], hg, m, s)
+            evaluate(coefficients, k, offset + c[i] * h, u)
+            kernel(s, stages_w[i], u, p, out)
+            newton_matrix(out, m, n_w, hg, matrix)
+            factorize(matrix, pivots)
+            gather_rows(a, i, h, ds0, dstages_v, dstages_w, dknown)
+            known_part(out, m, hg, columns, n_p, directions, k, offset + c[i] * h, dknown, du, rhs)
+            solve_rows(matrix, pivots, rhs)
+            place_rows(dknown, rhs, hg, m, ds)
+            stages_v[i] = s[m : 2 * m]
+            dstages_v[i] = ds[m : 2 * m]
+            dstages_w[i] = rhs
+        s0[:] = s
+        ds0[:] = ds
+        if index + 1 == record_k.shape[0] or record_k[index + 1] != k:
+            states[k + 1], unknowns[k + 1] = ds, rhs
+    return states, unknowns
+
+
+@njit(types.float64[:, :, ::1](KERNEL, F2, F2, F2, F1, F3, F3, I1, F3, types.int64), **OPTIONS)
+def output_sensitivities(kernel, states, unknowns, inputs, p, dstates, dunknowns, columns, dinputs, n_out):
+    """Total derivatives of the outputs at every sample, shape (n, n_out, n_c).
+
+    ``kernel`` writes the partial derivatives in s, w, p and u, (n_out, n_s + n_w + n_p + n_u); dinputs is du/dc of
+    the last entries of c, shape (n_directions, n, n_u).
+    """
+    n, n_s, n_w, n_p, n_u = states.shape[0], states.shape[1], unknowns.shape[1], p.shape[0], inputs.shape[1]
+    n_c = columns.shape[0]
+    first, width = n_c - dinputs.shape[0], n_s + n_w + n_p + n_u
+    result = np.zeros((n, n_out, n_c))
+    out = np.zeros(n_out * width)
+    for k in range(n):
+        kernel(states[k], unknowns[k], inputs[k], p, out)
+        for i in range(n_out):
+            row = i * width
+            for d in range(n_s):
+                for c in range(n_c):
+                    result[k, i, c] += out[row + d] * dstates[k, d, c]
+            for d in range(n_w):
+                for c in range(n_c):
+                    result[k, i, c] += out[row + n_s + d] * dunknowns[k, d, c]
+            for c in range(n_c):
+                if columns[c] >= 0:
+                    result[k, i, c] += out[row + n_s + n_w + columns[c]]
+            for j in range(dinputs.shape[0]):
+                for d in range(n_u):
+                    result[k, i, first + j] += out[row + n_s + n_w + n_p + d] * dinputs[j, k, d]
+    return result

@@ -1,0 +1,212 @@
+"""Simulation of a mechanism, with forward sensitivities to its parameters, initial states and inputs."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType, ModuleType
+
+import numpy as np
+
+from ..errors import UserError, nearest
+from ..physics.mechanism import Mechanism
+from .bristle import steady_bristle
+from .codegen import Kernels
+from .differentiate import Wanted, differentiate
+from .paths import InputPath
+from .simulation import ContactLost, Simulation, SimulationFailed, Steps
+from .tableau import METHOD
+
+__all__ = ["ContactLost", "Simulation", "SimulationFailed", "Simulator", "Steps"]
+
+log = logging.getLogger(__name__)
+
+_NO_STEPS = Steps(np.empty(0, np.int64), np.empty((0, 2)), np.empty((0, 0, 0)))
+_NONE: Mapping = MappingProxyType({})
+Values = Mapping[str, float] | Sequence[float] | np.ndarray
+
+
+def _integrator() -> ModuleType:
+    """Import on first use: a new installation compiles the integrator then, for all mechanisms at once."""
+    log.debug("loading the integrator: the first time on an installation takes about 15 s")
+    from . import integrator
+
+    return integrator
+
+
+class Simulator:
+    """Compiled simulator of one mechanism.
+
+    R(q, v, a, z, z', u; p) = 0 is solved stage by stage for the accelerations and z' by Newton's method with the
+    analytic Jacobian, in an L-stable, stiffly accurate method of order 3 with adaptive steps that end at every
+    sample. So the bristle's rate in sliding (2e4 1/s) does not limit the step, and the normal force may depend on
+    the accelerations sought. A mechanism's first use on a machine compiles its equations (about a second).
+
+    Source: Kvaerno, Singly diagonally implicit Runge-Kutta methods with an explicit first stage, BIT 44 (2004).
+    """
+
+    def __init__(self, mechanism: Mechanism):
+        self.mechanism = mechanism
+        self.kernels = Kernels(mechanism)
+        self.parameter_names = tuple(par.name for par in mechanism.parameters)
+        free, memory = mechanism.free, mechanism.law.memory
+        self.state_names = (*(c.signals[0] for c in free), *(c.signals[1] for c in free), *(["z"] if memory else []))
+
+    def parameters(self, p: Values) -> np.ndarray:
+        """Return the parameter vector, shape (n_p,), SI units, in the order of ``parameter_names``.
+
+        Args:
+            p: that vector, or name -> value; a parameter of the system that is not named takes the system's value,
+                one of the law its default.
+
+        Raises:
+            UserError: an unknown name, a wrong number of values, a parameter without a finite value.
+        """
+        defaults = {par.name: par.value for par in self.mechanism.parameters} | self.mechanism.system.values
+        values = defaults | self._named(p, self.parameter_names, "parameters")
+        for name, value in values.items():
+            if value is None or not np.isfinite(value):
+                raise UserError("parameter without a finite value", where=name, received=value, fix="give it a number")
+        return np.array([values[name] for name in self.parameter_names], dtype=float)
+
+    def simulate(
+        self,
+        t: np.ndarray,
+        inputs: InputPath | Mapping[str, np.ndarray],
+        p: Values,
+        y0: Values = _NONE,
+        *,
+        z0: float | str = 0.0,
+        sensitivities: Sequence[str] = (),
+        directions: Mapping[str, InputPath] = _NONE,
+        rtol: float = 1e-5,
+        atol: float = 1e-6,
+        steps: Steps | None = None,
+    ) -> Simulation:
+        """Integrate the mechanism over the sample times.
+
+        Args:
+            t: sample times, s, shape (n,), increasing, not necessarily uniform.
+            inputs: path of the driven coordinates and inputs, or their samples by signal name, see
+                :meth:`InputPath.from_signals`.
+            p: parameters, see :meth:`parameters`.
+            y0: initial state: name -> value or the vector of ``state_names``; at rest at 0 where not given.
+            z0: initial bristle state where y0 does not name it; "steady" for static equilibrium at rest (the body
+                stays if it can stick) and steady sliding in motion.
+            sensitivities: names of parameters, and of initial states as "x(0)".
+            directions: name -> derivative of the input path with respect to a quantity of the caller's (a spline
+                coefficient), on the same times: sensitivities to it are added.
+            rtol, atol: error allowed in a step, relative and, for velocities, absolute (m/s or rad/s). By default the
+                velocity of the pendulum on a box is within 1e-5 m/s.
+            steps: take these steps of an earlier simulation of the same times instead of choosing any (parameters
+                little changed: a step that was small enough for Newton's method there is not halved here).
+
+        Raises:
+            ContactLost: the normal force reaches zero.
+            SimulationFailed: no solution, or steps that would have to be too small.
+            UserError: a wrong name, size or value.
+        """
+        path = self._path(t, inputs)
+        vector = self.parameters(p)
+        y0 = self._named(y0, self.state_names, "y0")
+        wanted = self._wanted(sensitivities, directions, path)
+        start = self._start(y0, z0, path.coefficients[0, :, 0], vector)
+        states, unknowns, record = self._integrate(path, vector, start, rtol, atol, steps)
+        result = self._result(path, vector, states, unknowns, record)
+        if not wanted.names:
+            return result
+        steady = z0 == "steady" and "z" not in y0
+        derivatives = differentiate(self.kernels, path, vector, states, unknowns, record, wanted, steady)
+        return replace(result, sensitivity_names=wanted.names, sensitivities=derivatives)
+
+    # what the caller gave -------------------------------------------------------------------------------------
+    def _named(self, values: Values, names: tuple[str, ...], where: str) -> dict[str, float]:
+        if not isinstance(values, Mapping):
+            if np.shape(values) != (len(names),):
+                raise UserError(
+                    "wrong number of values", where=where, received=np.shape(values), allowed=f"({', '.join(names)})"
+                )
+            values = dict(zip(names, values, strict=True))
+        for name in values:
+            if name not in names:
+                fix = nearest(name, names) or "remove it"
+                raise UserError("unknown name", where=f"{where}.{name}", allowed=", ".join(names), fix=fix)
+        return dict(values)
+
+    def _path(self, t: np.ndarray, inputs: InputPath | Mapping[str, np.ndarray]) -> InputPath:
+        if not isinstance(inputs, InputPath):
+            return InputPath.from_signals(self.mechanism, t, inputs)
+        if inputs.names != self.mechanism.input_signals or not np.array_equal(inputs.t, t):
+            raise UserError(
+                "input path of another mechanism or other times",
+                where="inputs",
+                received=", ".join(inputs.names),
+                allowed=", ".join(self.mechanism.input_signals) + " at the times t",
+                fix="build it for this mechanism and these times",
+            )
+        return inputs
+
+    def _wanted(self, names: Sequence[str], directions: Mapping[str, InputPath], path: InputPath) -> Wanted:
+        valid = (*self.parameter_names, *(f"{name}(0)" for name in self.state_names))
+        for name in names:
+            if name not in valid:
+                fix = nearest(name, valid) or "use one of these"
+                raise UserError("unknown sensitivity", where=name, allowed=", ".join(valid), fix=fix)
+        for name, direction in directions.items():
+            if direction.coefficients.shape != path.coefficients.shape:
+                raise UserError("direction on other times than the path", where=f"directions.{name}")
+        place, n_p = {name: i for i, name in enumerate(valid)}, len(self.parameter_names)
+        index = np.array([place[name] for name in names] + [-1] * len(directions), dtype=np.int64)
+        columns, states = np.where(index < n_p, index, -1), np.where(index >= n_p, index - n_p, -1)
+        return Wanted((*names, *directions), columns, states, tuple(directions.values()))
+
+    def _start(self, y0: dict[str, float], z0: float | str, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        start = np.array([y0.get(name, 0.0) for name in self.state_names], dtype=float)
+        if isinstance(z0, str) and z0 != "steady":
+            raise UserError("unknown initial bristle state", where="z0", received=z0, allowed="a number or 'steady'")
+        if self.mechanism.law.memory and "z" not in y0:
+            start[-1] = steady_bristle(self.kernels, start, u, p) if z0 == "steady" else float(z0)
+        if not np.isfinite(start).all():
+            raise UserError("initial state that is not finite", where="y0", received=start.tolist())
+        return start
+
+    # what the integrator does ---------------------------------------------------------------------------------
+    def _integrate(
+        self, path: InputPath, p: np.ndarray, start: np.ndarray, rtol: float, atol: float, steps: Steps | None
+    ) -> tuple[np.ndarray, np.ndarray, Steps]:
+        (n_s, n_w, _, _), n, m = self.kernels.sizes, len(path.t), len(self.mechanism.free)
+        if n_w == 0:
+            return np.zeros((n, 0)), np.zeros((n, 0)), _NO_STEPS
+        core = _integrator()
+        limits = np.full(n_s, atol * min(2.5e-3, (path.t[-1] - path.t[0]) / (n - 1)))
+        limits[m : 2 * m] = atol
+        taken, tolerance = (_NO_STEPS, 1e-3) if steps is None else (steps, 1e-12)
+        order = min(METHOD.order, METHOD.order_embedded) + 1
+        status, time, states, unknowns, interval, size, stages = core.integrate(
+            self.kernels.plain.newton, METHOD.a, METHOD.c, METHOD.error, order, path.t, path.coefficients, p, m,
+            limits, rtol, tolerance, start, taken.interval, taken.size,
+        )  # fmt: skip
+        if status == core.CONTACT_LOST:
+            raise ContactLost(time)
+        if status == core.NOT_CONVERGED or not np.isfinite(states).all():
+            raise SimulationFailed(time, "Newton's method did not converge", "check the parameters and inputs there")
+        if status != core.OK:
+            raise SimulationFailed(time, "the step became too small", "loosen rtol and atol, or smooth the inputs")
+        return states, unknowns, Steps(interval, size, stages)
+
+    def _result(
+        self, path: InputPath, p: np.ndarray, states: np.ndarray, unknowns: np.ndarray, record: Steps
+    ) -> Simulation:
+        m = len(self.mechanism.free)
+        outputs = _integrator().evaluate_samples(self.kernels.plain.outputs, states, unknowns, path.samples, p, 3)
+        v_slip, normal, friction = outputs.T
+        if not (normal > 0).all():
+            raise ContactLost(path.t[int(np.argmin(normal > 0))])
+        q, v, a = states[:, :m], states[:, m : 2 * m], unknowns[:, :m]
+        zero = np.zeros(len(path.t))
+        z, zdot = (states[:, -1], unknowns[:, -1]) if self.mechanism.law.memory else (zero, zero)
+        signals = dict(path.signals)
+        for j, c in enumerate(self.mechanism.free):
+            signals.update(zip(c.signals, (q[:, j], v[:, j], a[:, j]), strict=True))
+        return Simulation(path.t, q, v, a, z, zdot, v_slip, normal, friction, signals, record)

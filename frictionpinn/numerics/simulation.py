@@ -1,0 +1,78 @@
+"""The result of a simulation, and the two ways in which one ends early."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..errors import UserError
+
+
+class ContactLost(UserError):
+    """The normal force reached zero: the model of a contact that holds ends there. ``time`` is in s."""
+
+    def __init__(self, time: float):
+        self.time = float(time)
+        super().__init__(
+            f"contact lost at t = {time:.4f} s",
+            allowed="a normal force above 0 throughout",
+            fix="reduce the motion that unloads the contact",
+        )
+
+
+class SimulationFailed(UserError):
+    """The equations could not be solved at some time. ``time`` is in s."""
+
+    def __init__(self, time: float, why: str, fix: str):
+        self.time = float(time)
+        super().__init__(f"simulation failed at t = {time:.4f} s: {why}", fix=fix)
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The steps that a simulation took: to take them again with other parameters, or to differentiate them.
+
+    Attributes:
+        interval: index of the sample interval of each step, shape (steps,).
+        size: offset in the interval and step size, s, shape (steps, 2).
+        unknowns: accelerations of the free coordinates and z' of every stage, shape (steps, stages, n_w).
+    """
+
+    interval: np.ndarray
+    size: np.ndarray
+    unknowns: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.interval)
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What a mechanism did.
+
+    Attributes:
+        t: sample times, s, shape (n,).
+        q, v, a: position, velocity and acceleration of the free coordinates, shape (n, n_free), SI units.
+        z, zdot: bristle state and its rate, shape (n,), in the system's unit of slip; zero for a law without memory.
+        v_slip, N, F: slip velocity, normal force and friction force, shape (n,).
+        signals: name -> samples, shape (n,): free and driven coordinates and inputs, named as in a recording.
+        steps: the integrator's steps.
+        sensitivity_names: what the sensitivities are taken with respect to, in order.
+        sensitivities: name -> derivatives, shape (n, n_sens), of every signal of a free coordinate and of ``z``,
+            ``zdot``, ``v_slip``, ``N`` and ``F``; empty where none were asked for.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    z: np.ndarray
+    zdot: np.ndarray
+    v_slip: np.ndarray
+    N: np.ndarray
+    F: np.ndarray
+    signals: dict[str, np.ndarray]
+    steps: Steps
+    sensitivity_names: tuple[str, ...] = ()
+    sensitivities: dict[str, np.ndarray] = field(default_factory=dict)

@@ -1,0 +1,158 @@
+"""Build every part of an experiment from its configuration (plain values, as resolved by Hydra)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ..data.contact import ContactTrial, contact_trials
+from ..data.module import TrajectoryData, split_trials
+from ..data.noise import GaussianNoise, Noise, NoNoise, OutlierNoise, QuantisedNoise
+from ..data.read import read_recording
+from ..data.recording import Recording
+from ..data.sets import load_public
+from ..data.simulated import simulate_recording
+from ..errors import UserError, choose
+from ..models import MODELS, FrictionModel
+from ..models.start import complete, data_scales
+from ..numerics.kalman import KalmanFilter, KalmanSmoother
+from ..numerics.smoothing import NoSmoothing, SavitzkyGolay, Smoother, SmoothingSpline
+from ..physics import LAWS, SYSTEMS, System
+
+Config = dict[str, Any]
+
+NOISE: dict[str, Callable[..., Noise]] = {
+    "none": NoNoise,
+    "gaussian": GaussianNoise,
+    "quantised": QuantisedNoise,
+    "outliers": OutlierNoise,
+}
+SMOOTHING: dict[str, tuple[Callable[..., Smoother], Callable[..., Smoother]]] = {
+    "none": (NoSmoothing, lambda **options: NoSmoothing(causal=True, **options)),
+    "savgol": (SavitzkyGolay, lambda **options: NoSmoothing(causal=True, **options)),
+    "spline": (SmoothingSpline, lambda **options: NoSmoothing(causal=True, **options)),
+    "kalman": (KalmanSmoother, KalmanFilter),
+}
+
+
+def build_system(cfg: Config) -> System:
+    """The system with the values of its parameters."""
+    kind = choose(cfg["name"], SYSTEMS, "system")
+    return kind(equations=cfg.get("equations", "lagrange"), **(cfg.get("parameters") or {}))
+
+
+def build_noise(cfg: Config) -> Noise:
+    """The noise that is added to a recording."""
+    make = choose(cfg["name"], NOISE, "noise")
+    return make(**{key: value for key, value in cfg.items() if key != "name"})
+
+
+def build_smoothing(cfg: Config) -> tuple[Smoother, Smoother]:
+    """The smoother for training and the causal one for online use."""
+    offline, online = choose(cfg["name"], SMOOTHING, "smoothing")
+    return offline(**(cfg.get("offline") or {})), online(**(cfg.get("online") or {}))
+
+
+def build_recording(cfg: Config, system: System) -> Recording:
+    """The recording before noise is added: simulated, from files, or a public set."""
+    wanted = cfg.get("for_system")
+    if wanted and wanted != system.name:
+        raise UserError(
+            "data of another system",
+            where="data",
+            received=f"{cfg['name']} with system={system.name}",
+            allowed=f"system={wanted}",
+            fix=f"add system={wanted}",
+        )
+    if cfg["name"] == "simulated":
+        return simulate_recording(system, cfg["friction"], cfg["truth"], cfg["trials"], float(cfg["rate_hz"]))
+    if cfg["name"] == "csv":
+        return _from_files(cfg, system)
+    return load_public(cfg["name"], **(cfg.get("options") or {}))
+
+
+def _from_files(cfg: Config, system: System) -> Recording:
+    from ..data.tables import columns_of
+
+    known = system.signal_units
+    trial_column = cfg.get("trial_column")
+    present = columns_of(cfg["path"])
+    columns = cfg.get("columns")
+    if columns is None:
+        columns = {name: name for name in known if name in present}
+        columns.setdefault("t", "t")
+    if trial_column is not None and trial_column not in present:
+        trial_column = None
+    unknown = [name for name in columns if name not in known]
+    if unknown:
+        choose(unknown[0], known, "data.columns")
+    _require_motion(columns, system)
+    return read_recording(
+        cfg["path"],
+        columns=columns,
+        units=cfg.get("units") or {},
+        signal_units=known,
+        trial_column=trial_column,
+        gains=cfg.get("gains") or {},
+    )
+
+
+def _require_motion(columns: dict[str, Any], system: System) -> None:
+    for coordinate in system.moving:
+        if not any(name in columns for name in coordinate.signals):
+            raise UserError(
+                f"no signal of coordinate {coordinate.name} in the recording",
+                where="data.columns",
+                received=", ".join(columns),
+                allowed=f"at least one of {', '.join(coordinate.signals)}",
+                fix="name its column, for example data.columns.{0}=my_column".format(coordinate.signals[0]),
+            )
+    if system.massless and not any(item.name in columns for item in system.inputs):
+        raise UserError(
+            "no measured force in the recording",
+            where="data.columns",
+            received=", ".join(columns),
+            allowed=", ".join(item.name for item in system.inputs),
+            fix="name its column",
+        )
+
+
+def build_data(cfg: Config, system: System) -> TrajectoryData:
+    """Recording, noise, smoothing and split of the experiment."""
+    clean = build_recording(cfg["data"], system)
+    noisy = build_noise(cfg["noise"])(clean, int(cfg["seed"]))
+    splits = split_trials(clean.names, cfg["data"].get("held_out"), cfg["data"].get("validation"))
+    offline, online = build_smoothing(cfg["smoothing"])
+    trials = contact_trials(noisy, system, offline, online, splits["train"])
+    _require_force(trials, splits["train"])
+    return TrajectoryData(noisy, trials, splits, int(cfg["data"].get("steps_per_epoch", 1)))
+
+
+def _require_force(trials: list[ContactTrial], train: list[str]) -> None:
+    if all(float(abs(trial.offline["friction_force"]).max()) == 0.0 for trial in trials if trial.name in train):
+        raise UserError(
+            "the motion implies no friction force at all",
+            where="data",
+            received="0 in every training sample",
+            allowed="a recording in which friction acts",
+            fix="check the mapping of columns and the system's parameters",
+        )
+
+
+def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionModel:
+    """The variant of the configuration; scales and unspecified start values come from the training trials."""
+    model, friction = dict(cfg["model"]), cfg["friction"]
+    kind = choose(model["name"], MODELS, "model")
+    train = data.select("train")
+    scales = data_scales(train)
+    common = {key: model[key] for key in ("name", "inputs", "network", "loss")}
+    windows = {name: model["windows"].get(name, [[1, 0]]) for name in model["inputs"]}
+    common |= {"windows": windows, "optimizer": cfg["optimizer"], "scales": scales}
+    common["context"] = {"system": cfg["system"]["name"], "equations": system.equations, "values": dict(system.values)}
+    if not model["name"].startswith("pe"):
+        return kind(**common)
+    law = choose(friction["name"], LAWS, "friction")()
+    start, bounds = complete(law, friction.get("start") or {}, friction.get("bounds") or {}, scales)
+    plain = {"name": law.name, "start": start, "bounds": {key: list(value) for key, value in bounds.items()}}
+    plain |= {"fixed": dict(friction.get("fixed") or {}), "tie_sigma1": bool(friction.get("tie_sigma1", False))}
+    return kind(**common, law=plain, bristle=model.get("bristle", "load"))

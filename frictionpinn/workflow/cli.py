@@ -1,0 +1,152 @@
+"""The command line: errors in one line, with the nearest valid name, before Hydra would print a traceback."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import ChoiceSweep, Override
+from hydra.errors import HydraException
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from ..errors import UserError, nearest
+
+USER_ERROR = 2
+
+
+def full_error() -> bool:
+    """Whether the user wants tracebacks."""
+    return os.environ.get("HYDRA_FULL_ERROR", "0") not in ("", "0")
+
+
+def fail(error: BaseException) -> None:
+    """Print the line of an error to the terminal."""
+    text = " ".join(str(error).split())
+    print(f"error: {text}", file=sys.stderr, flush=True)
+
+
+def check_command_line(config_folder: Path, config_name: str, arguments: Sequence[str]) -> None:
+    """Raise :class:`UserError` for an unknown group option or key, before Hydra reads the command line."""
+    texts = [item for item in arguments if "=" in item and not item.startswith("-")]
+    try:
+        overrides = OverridesParser.create().parse_overrides(texts)
+    except HydraException as error:
+        raise UserError(
+            "not an override", where="command line", received=" ".join(texts), fix=str(error).splitlines()[0]
+        ) from error
+    for override in overrides:
+        _check_choice(config_folder, override)
+    single = [_first(override) for override in overrides if not override.key_or_group.startswith("hydra")]
+    _check_keys(config_folder, config_name, single)
+
+
+def _values(override: Override) -> list[object]:
+    value = override.value()
+    return list(value.list) if isinstance(value, ChoiceSweep) else [value]
+
+
+def _check_choice(config_folder: Path, override: Override) -> None:
+    group = config_folder / override.key_or_group
+    if override.key_or_group.startswith("hydra") or not group.is_dir():
+        return
+    valid = sorted(path.stem for path in group.glob("*.yaml"))
+    for value in _values(override):
+        if value is not None and str(value) not in valid:
+            raise UserError(
+                "unknown option",
+                where=override.key_or_group,
+                received=str(value),
+                allowed=", ".join(valid),
+                fix=nearest(value, valid) or "use one of the allowed names",
+            )
+
+
+def _first(override: Override) -> str:
+    """The override with only the first value of a sweep."""
+    if not override.is_sweep_override():
+        return override.input_line or ""
+    text = override.input_line or ""
+    key, _, value = text.partition("=")
+    return f"{key}={value.split(',')[0]}" if isinstance(override.value(), ChoiceSweep) else ""
+
+
+def _check_keys(config_folder: Path, config_name: str, overrides: list[str]) -> None:
+    GlobalHydra.instance().clear()
+    try:
+        with initialize_config_dir(str(config_folder), version_base="1.3"):
+            plain = [item for item in overrides if item]
+            config = compose(config_name, overrides=plain)
+        OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+    except (HydraException, OmegaConfBaseException) as error:
+        raise _explain(error, config_folder, config_name) from error
+    finally:
+        GlobalHydra.instance().clear()
+
+
+def _explain(error: Exception, config_folder: Path, config_name: str) -> UserError:
+    cause = error.__cause__ or error
+    text = f"{error} {cause}"
+    missing = re.search(r"Missing mandatory value: ([\w.]+)", text)
+    if missing:
+        return UserError(
+            "a value is missing",
+            where=missing.group(1),
+            received="nothing",
+            fix=f"add {missing.group(1)}=... to the command",
+        )
+    unknown = re.search(r"(?:Could not override|No match in the defaults list[^']*|Key) '([\w./@]+)'", text)
+    if unknown:
+        key = unknown.group(1)
+        full = re.search(r"full_key: ([\w.]+)", text)
+        keys = _all_keys(config_folder, config_name)
+        key = full.group(1) if full else key
+        siblings = [name for name in keys if name.rpartition(".")[0] == key.rpartition(".")[0]] or keys
+        return UserError(
+            "unknown key",
+            where="command line",
+            received=key,
+            allowed=", ".join(name.rpartition(".")[2] for name in siblings[:15]),
+            fix=nearest(key, siblings) or nearest(key, keys) or "see conf/ for all keys",
+        )
+    return UserError("the configuration cannot be composed", where="command line", fix=str(cause).splitlines()[0])
+
+
+def _all_keys(config_folder: Path, config_name: str) -> list[str]:
+    with initialize_config_dir(str(config_folder), version_base="1.3"):
+        config = OmegaConf.to_container(compose(config_name), resolve=False)
+
+    def walk(node: object, prefix: str) -> list[str]:
+        if not isinstance(node, dict):
+            return []
+        names = [f"{prefix}{key}" for key in node]
+        return names + [name for key, value in node.items() for name in walk(value, f"{prefix}{key}.")]
+
+    return walk(config, "")
+
+
+def run(main: Callable[[], None], config_folder: Path, config_name: str, failures: list[BaseException]) -> None:
+    """Check the command line, run Hydra's main, end with exit code 2 after a user's error.
+
+    Args:
+        main: function decorated by ``hydra.main``.
+        config_folder, config_name: as given to ``hydra.main``.
+        failures: errors that the task collected (in a sweep the others go on).
+    """
+    try:
+        if not any(item in ("--help", "-h", "--hydra-help", "--version") for item in sys.argv[1:]):
+            check_command_line(config_folder, config_name, sys.argv[1:])
+        main()
+    except UserError as error:
+        if full_error():
+            raise
+        fail(error)
+        sys.exit(USER_ERROR)
+    if failures:
+        sys.exit(USER_ERROR)

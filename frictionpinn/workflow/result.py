@@ -1,0 +1,163 @@
+"""What a training leaves: ``result.json``, figures as PNG and in TensorBoard, a summary on the terminal."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..data.contact import ContactTrial
+from ..data.module import TrajectoryData
+from ..evaluate.figures import force_over_time, force_over_velocity
+from ..evaluate.force import CoulombViscousFit, force_errors
+from ..models import FrictionModel
+from ..physics import LAWS, System
+from .build import Config
+
+PACKAGES = ("torch", "lightning", "hydra-core", "numpy", "scipy", "sympy", "numba")
+
+
+def report(cfg: Config, folder: Path, system: System, data: TrajectoryData, model: FrictionModel, trainer, seconds):
+    """Score the model and the Coulomb + viscous fit on the held-out trials, draw the figures, return the result."""
+    held_out = data.select("held_out")
+    scored = held_out or data.select("train")
+    baseline = CoulombViscousFit(data.select("train"))
+    unit = system.force_unit
+    errors = {
+        "model": force_errors(model, scored),
+        "coulomb_viscous": force_errors(baseline, scored) | {"parameters": baseline.parameters},
+    }
+    figures(folder, system, scored, model, baseline, errors, trainer)
+    square = f"({unit})^2" if "*" in unit else f"{unit}^2"
+    return {
+        "model": cfg["model"]["name"],
+        "system": system.name,
+        "data": {
+            "name": cfg["data"]["name"],
+            "source": data.recording.source,
+            "sha256": data.recording.checksum,
+            "samples": {split: sum(len(t) for t in data.select(split)) for split in data.splits},
+            "trials": data.splits,
+        },
+        "parameters": parameters(cfg, system, model),
+        "force_error": {
+            "on": "held-out trials" if held_out else "training trials (none held out)",
+            "unit": {"rmse": unit, "mse": square, "relative": "1"},
+            "inputs": "causal: each sample with the samples before it",
+            **errors,
+        },
+        "training": {
+            "epochs": int(trainer.current_epoch),
+            "seconds": {key: round(value, 3) for key, value in seconds.items()},
+            "seed": cfg["seed"],
+            "device": str(trainer.strategy.root_device),
+            "loss": {name: float(value) for name, value in model.parts.items()},
+        },
+        "versions": versions(),
+        "commit": commit(),
+        "config": cfg,
+    }
+
+
+def parameters(cfg: Config, system: System, model: FrictionModel) -> dict[str, dict[str, Any]]:
+    """Value, unit, start and, for simulated data, truth of every physical parameter of the model."""
+    values = model.physical()
+    if not values:
+        return {}
+    law = LAWS[cfg["friction"]["name"]]
+    start = model.hparams["law"]["start"]
+    known = cfg["data"].get("truth") or {}
+    same_law = cfg["data"].get("friction") == law.name
+    table = {}
+    for par in law.parameters:
+        entry: dict[str, Any] = {"value": values[par.name], "unit": system.unit(par), "text": par.text}
+        entry["start"] = start.get(par.name)
+        entry["trained"] = par.name in model.law_parameters.raw  # type: ignore[union-attr, operator]
+        if same_law and par.name in known:
+            entry["truth"] = float(known[par.name])
+        table[par.name] = entry
+    return table
+
+
+def figures(folder: Path, system: System, trials: list[ContactTrial], model, baseline, errors, trainer) -> None:
+    """Draw force over time on the longest held-out trial and force against velocity on all of them."""
+    name = model.hparams["name"].upper()
+    unit, slip = readable(system.force_unit), readable(f"{system.slip_unit}/s")
+    ours, theirs = errors["model"]["rmse"], errors["coulomb_viscous"]["rmse"]
+    labels = {f"{name}: {ours:.3g} {unit} rms": model, f"Coulomb + viscous fit: {theirs:.3g} {unit} rms": baseline}
+    predicted = {label: [item.predict_trial(trial)["force"] for trial in trials] for label, item in labels.items()}
+    k = int(np.argmax([len(trial) for trial in trials]))
+    drawn = {
+        "force_over_time": force_over_time(
+            trials[k],
+            {label: forces[k] for label, forces in predicted.items()},
+            unit,
+            f"{name} on {system.title}, trial {trials[k].name}: friction force",
+        ),
+        "force_over_velocity": force_over_velocity(
+            trials, predicted, (unit, slip), f"{name} on {system.title}: friction against slip velocity"
+        ),
+    }
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    for key, figure in drawn.items():
+        figure.savefig(folder / "figures" / f"{key}.png", dpi=120)
+        for logger in trainer.loggers:
+            logger.experiment.add_figure(key, figure, global_step=trainer.global_step)
+
+
+def readable(unit: str) -> str:
+    """Unit as people write it: N*m becomes N m."""
+    return unit.replace("*", " ")
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a result depends on."""
+    found = {name: importlib.metadata.version(name) for name in PACKAGES}
+    return {"frictionpinn": __version__, "python": platform.python_version(), **found}
+
+
+def commit() -> str | None:
+    """Commit of the source tree, with "+changes" where it is modified; None outside a repository."""
+
+    def git(*arguments: str) -> str:
+        root = Path(__file__).resolve().parents[2]
+        return subprocess.run(("git", *arguments), cwd=root, capture_output=True, text=True, check=True).stdout.strip()
+
+    try:
+        return git("rev-parse", "HEAD") + ("+changes" if git("status", "--porcelain", "--untracked-files=no") else "")
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write whole or not at all."""
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(json.dumps(content, indent=2, allow_nan=True) + "\n", encoding="utf-8")
+    os.replace(temporary, path)
+
+
+def summarise(result: Mapping[str, Any], folder: Path) -> str:
+    """What a person wants to read after a training."""
+    lines = []
+    if result["parameters"]:
+        lines.append(f"{'parameter':<10}{'value':>12}  {'unit':<10}{'start':>12}{'truth':>12}")
+        for name, entry in result["parameters"].items():
+            truth = f"{entry['truth']:>12.5g}" if "truth" in entry else f"{'':>12}"
+            start = f"{entry['start']:>12.5g}" if entry["trained"] else f"{'fixed':>12}"
+            lines.append(f"{name:<10}{entry['value']:>12.5g}  {readable(entry['unit']):<10}{start}{truth}")
+    error, unit = result["force_error"], readable(result["force_error"]["unit"]["rmse"])
+    lines.append(f"force error on {error['on']}, against the {error['model']['reference']}:")
+    for key, label in (("model", result["model"]), ("coulomb_viscous", "Coulomb + viscous fit")):
+        item = error[key]
+        lines.append(f"  {label:<22}{item['rmse']:>10.4g} {unit} rms  ({100 * item['relative']:.3g} % of the force)")
+    seconds = result["training"]["seconds"]
+    lines.append(f"{result['training']['epochs']} epochs in {seconds['training']:.1f} s; everything is in {folder}")
+    return "\n".join(lines)

@@ -1,0 +1,203 @@
+"""One training: from a resolved configuration to checkpoints, TensorBoard, figures and ``result.json``."""
+
+from __future__ import annotations
+
+import logging
+import time
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import torch
+from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
+from lightning.pytorch.loggers import TensorBoardLogger
+
+from ..data.module import TrajectoryData
+from ..errors import UserError, nearest
+from ..models import FrictionModel
+from ..models.base import check_same_model
+from .build import Config, build_data, build_model, build_system
+from .callbacks import Progress, Scalars, StopOnNaN
+from .result import report, summarise, write_json
+
+log = logging.getLogger(__name__)
+
+
+def train(cfg: Config, folder: Path) -> dict[str, Any]:
+    """Train the model of ``cfg`` and write everything that a user needs of it to ``folder``.
+
+    Args:
+        cfg: resolved configuration: system, friction, model, data, noise, smoothing, optimizer, trainer (plain
+            values), seed, ckpt_path.
+        folder: of this run.
+
+    Returns:
+        What stands in ``result.json``.
+
+    Raises:
+        UserError: anything that the user can mend.
+    """
+    begin = time.perf_counter()
+    quiet()
+    torch.set_num_threads(int(cfg["trainer"].get("threads") or torch.get_num_threads()))
+    L.seed_everything(seed_of(cfg), workers=False, verbose=False)
+    system = build_system(cfg["system"])
+    data = build_data(cfg, system)
+    model = build_model(cfg, system, data)
+    data.prepare_for(model)
+    if cfg.get("ckpt_path"):
+        check_same_model(load_checkpoint(cfg["ckpt_path"], "ckpt_path"), dict(model.hparams))
+    trainer = build_trainer(cfg, folder, validation=bool(data.splits["validation"]))
+    log.info(announce(cfg, data))
+    start = time.perf_counter()
+    trainer.fit(model, datamodule=data, ckpt_path=cfg.get("ckpt_path"), weights_only=True)
+    if trainer.interrupted:
+        raise KeyboardInterrupt
+    seconds = {"training": time.perf_counter() - start}
+    use_best(model, trainer)
+    model.eval()
+    seconds["total"] = time.perf_counter() - begin
+    result = report(cfg, folder, system, data, model, trainer, seconds)
+    write_json(folder / "result.json", result)
+    log.info(summarise(result, folder))
+    return result
+
+
+def seed_of(cfg: Config) -> int:
+    """The seed, checked."""
+    seed = cfg["seed"]
+    if not isinstance(seed, int) or seed < 0:
+        raise UserError("impossible seed", where="seed", received=repr(seed), allowed="a whole number from 0")
+    return seed
+
+
+def quiet() -> None:
+    """Silence what concerns developers of Lightning, not users of a friction model."""
+    for name in ("lightning.pytorch", "lightning.fabric"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    for text in (
+        ".*does not have many workers.*",
+        ".*val_dataloader.*",
+        ".*lr_scheduler.step.*",
+        ".*isinstance.treespec.*",
+    ):
+        warnings.filterwarnings("ignore", text)
+    warnings.filterwarnings("ignore", module="lightning.*")
+    warnings.filterwarnings("ignore", module="torch.optim.lr_scheduler")
+
+
+def load_checkpoint(path: str | Path, where: str) -> Mapping[str, Any]:
+    """Load a checkpoint without ever executing code in it; one line where that fails."""
+    path = Path(path)
+    if not path.is_file():
+        present = sorted(str(item) for item in path.parent.glob("*.ckpt")) if path.parent.is_dir() else []
+        raise UserError(
+            "no such checkpoint",
+            where=where,
+            received=str(path),
+            allowed=", ".join(present) or "a .ckpt file of an earlier run",
+            fix=nearest(str(path), present) or "look in the run's folder, checkpoints/",
+        )
+    try:
+        return torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:
+        raise UserError(
+            "unreadable checkpoint",
+            where=where,
+            received=str(path),
+            allowed="a checkpoint written by train.py",
+            fix=f"use another checkpoint of the run ({type(error).__name__})",
+        ) from error
+
+
+def build_trainer(cfg: Config, folder: Path, validation: bool) -> L.Trainer:
+    """Lightning's trainer with checkpoints, scalars, early stopping and a progress bar."""
+    options = cfg["trainer"]
+    epochs = int(options["max_epochs"])
+    if epochs < 1:
+        raise UserError("nothing to train", where="trainer.max_epochs", received=epochs, allowed="at least 1")
+    every = min(int(options["checkpoint_every_n_epochs"]), epochs)
+    monitor = "loss/validation" if validation else "loss/training"
+    checkpoint = ModelCheckpoint(
+        dirpath=folder / "checkpoints",
+        filename="best",
+        monitor=monitor,
+        save_last=True,
+        every_n_epochs=every,
+        enable_version_counter=False,
+        save_on_train_epoch_end=True,
+    )
+    callbacks: list[Callback] = [
+        checkpoint,
+        Scalars(options["log_every_n_steps"]),
+        StopOnNaN(options["log_every_n_steps"]),
+    ]
+    stopping = options.get("early_stopping")
+    if stopping:
+        patience = max(int(stopping["patience"]) // every, 1)
+        kind = EarlyStopping(
+            monitor, float(stopping["min_delta"]), patience, strict=False, check_on_train_epoch_end=True
+        )
+        callbacks.append(EveryFew(kind, every))
+    if options["progress_bar"]:
+        callbacks.append(Progress())
+    try:
+        return L.Trainer(
+            max_epochs=epochs,
+            accelerator=options["accelerator"],
+            devices=options["devices"],
+            logger=TensorBoardLogger(folder, name="", version="tensorboard"),
+            callbacks=callbacks,
+            log_every_n_steps=int(options["log_every_n_steps"]),
+            check_val_every_n_epoch=every,
+            num_sanity_val_steps=0,
+            enable_progress_bar=False,
+            enable_model_summary=False,
+        )
+    except (ValueError, RuntimeError) as error:
+        raise UserError(
+            "the trainer refuses its options",
+            where="trainer",
+            received=f"accelerator={options['accelerator']}, devices={options['devices']}",
+            allowed="accelerator cpu, gpu or auto that this machine has",
+            fix=str(error).splitlines()[0],
+        ) from error
+
+
+class EveryFew(Callback):
+    """Early stopping that looks only at the epochs at which the monitored loss is logged."""
+
+    def __init__(self, stopping: EarlyStopping, every: int):
+        self.stopping, self.every = stopping, every
+
+    def setup(self, trainer, pl_module, stage) -> None:
+        self.stopping.setup(trainer, pl_module, stage)
+
+    def on_train_epoch_end(self, trainer, pl_module) -> None:
+        if (trainer.current_epoch + 1) % self.every == 0:
+            self.stopping._run_early_stopping_check(trainer)
+
+    def state_dict(self) -> dict[str, Any]:
+        return self.stopping.state_dict()
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        self.stopping.load_state_dict(state_dict)
+
+
+def use_best(model: FrictionModel, trainer: L.Trainer) -> None:
+    """Load the weights of the best checkpoint."""
+    path = trainer.checkpoint_callback.best_model_path  # type: ignore[union-attr]
+    if path:
+        model.load_state_dict(load_checkpoint(path, "checkpoint")["state_dict"])
+
+
+def announce(cfg: Config, data: TrajectoryData) -> str:
+    """One line that says what is about to be trained on what."""
+    counts = {split: sum(len(trial) for trial in data.select(split)) for split in data.splits}
+    held = ", ".join(data.splits["held_out"]) or "none: errors are those of the training trials"
+    return (
+        f"training {cfg['model']['name']} on {data.recording.source}: {counts['train']} samples of "
+        f"{len(data.splits['train'])} trials; held out: {held}"
+    )

@@ -1,0 +1,35 @@
+"""Train a friction model: ``python train.py model=pe2 system=pob``; every option is a file in conf/."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import hydra
+from omegaconf import DictConfig, OmegaConf
+
+from frictionpinn.errors import UserError
+from frictionpinn.workflow import cli
+
+CONFIG = Path(__file__).resolve().parent / "conf"
+failures: list[BaseException] = []
+
+
+@hydra.main(config_path=str(CONFIG), config_name="train", version_base="1.3")
+def main(cfg: DictConfig) -> float | None:
+    """Train what the configuration says; returns the held-out force error."""
+    from frictionpinn.workflow.train import train
+
+    folder = Path(hydra.core.hydra_config.HydraConfig.get().runtime.output_dir)
+    try:
+        result = train(OmegaConf.to_container(cfg, resolve=True), folder)  # type: ignore[arg-type]
+    except UserError as error:
+        if cli.full_error():
+            raise
+        cli.fail(error)
+        failures.append(error)
+        return None
+    return result["force_error"]["model"]["rmse"]
+
+
+if __name__ == "__main__":
+    cli.run(main, CONFIG, "train", failures)
