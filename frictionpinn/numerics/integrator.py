@@ -17,12 +17,13 @@ from numba import njit, types
 F1, F2, F3 = types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1]
 KERNEL = types.FunctionType(types.void(F1, F1, F1, F1, F1))
 OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True}
+INLINED: dict[str, Any] = {**OPTIONS, "inline": "always"}  # calls with many arrays cost as much as the arithmetic
 
 OK, NOT_CONVERGED, CONTACT_LOST, TOO_MANY_STEPS = 0, 1, 2, 3
 SMALLEST, ATTEMPTS, ROUNDOFF = 1e-7, 20000, 1e-2
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def evaluate(coefficients, k, offset, u):
     """Write the inputs at t_k + offset into u."""
     for j in range(u.shape[0]):
@@ -32,7 +33,7 @@ def evaluate(coefficients, k, offset, u):
         u[j] = value
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def newton_matrix(out, m, n_w, hg, matrix):
     """Write dR/dw + hg dR/dv + hg^2 dR/dq (a), dR/dw + hg dR/dz (z') into matrix."""
     n_s = m + n_w
@@ -44,7 +45,7 @@ def newton_matrix(out, m, n_w, hg, matrix):
             matrix[i, j] = out[unknown + j] + hg * out[state + m + j]
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def factorize(matrix, pivots):
     """LU factors in place with partial pivoting; False where the matrix is singular or not finite."""
     n = matrix.shape[0]
@@ -66,7 +67,7 @@ def factorize(matrix, pivots):
     return True
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def back_substitute(matrix, pivots, b):
     """Solve in place for one right-hand side."""
     n = matrix.shape[0]
@@ -80,7 +81,7 @@ def back_substitute(matrix, pivots, b):
             b[i] -= matrix[i, j] * b[j]
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def place(known, w, hg, m, s):
     """Write the stage's state for the unknown w into s."""
     for j in range(m):
@@ -90,7 +91,7 @@ def place(known, w, hg, m, s):
         s[j] = known[j] + hg * w[j - m]
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def gather(a, i, h, s0, stages_v, stages_w, known):
     """Write the part of stage i's state that the earlier stages give into known."""
     m = stages_v.shape[1]
@@ -104,7 +105,7 @@ def gather(a, i, h, s0, stages_v, stages_w, known):
             known[m + d] += ha * stages_w[j, d]
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def solve_stage(kernel, known, hg, u, p, m, atol, tolerance, w, s, out, delta, matrix, pivots):
     """Newton's method for one stage; w enters as the guess. Returns whether it converged.
 
@@ -139,7 +140,7 @@ def solve_stage(kernel, known, hg, u, p, m, atol, tolerance, w, s, out, delta, m
     return False
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def step(kernel, a, c, coefficients, k, offset, h, p, m, atol, tolerance, s0, stages_w, stages_v, work, s, out):
     """One step of size h from s0 at t_k + offset; stages_w[0] holds w at its start, s receives the new state.
 
@@ -167,7 +168,7 @@ def step(kernel, a, c, coefficients, k, offset, h, p, m, atol, tolerance, s0, st
     return OK
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, z_size):
     """Largest embedded error estimate among the components of the state, in units of the tolerance."""
     worst = 0.0
@@ -196,7 +197,7 @@ def remember(record, taken, k, offset, h, stages_w):
     return interval, size, unknowns
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def copy_to(source, target):
     """Copy a short vector (a slice assignment takes several times as long)."""
     for d in range(source.shape[0]):

@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, types
 
-from .integrator import F1, F2, F3, KERNEL, OPTIONS, evaluate, factorize, gather, newton_matrix, place
+from .integrator import F1, F2, F3, INLINED, KERNEL, OPTIONS, evaluate, factorize, gather, newton_matrix, place
 
 F4 = types.float64[:, :, :, ::1]
 I1 = types.int64[::1]
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def known_part(out, m, hg, columns, n_p, directions, k, offset, known, du, rhs):
     """Write -(R_s S_known + R_p + R_u du/dc), what the stage's own unknowns do not enter, into rhs (n_w, n_c)."""
     n_s, n_w, n_c, n_u = known.shape[0], rhs.shape[0], rhs.shape[1], du.shape[0]
@@ -39,7 +39,7 @@ def known_part(out, m, hg, columns, n_p, directions, k, offset, known, du, rhs):
                 rhs[i, first + j] -= out[by_u + i * n_u + d] * du[d]
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def solve_rows(matrix, pivots, b):
     """Solve in place for all columns of b, given the LU factors."""
     n, n_c = b.shape
@@ -58,7 +58,7 @@ def solve_rows(matrix, pivots, b):
                 b[i, c] -= matrix[i, j] * b[j, c]
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def gather_rows(a, i, h, start, stages_v, stages_w, known):
     """As ``gather``, for the sensitivities: stages_v (stages, m, n_c), stages_w (stages, n_w, n_c)."""
     m, n_c = stages_v.shape[1], start.shape[1]
@@ -73,7 +73,7 @@ def gather_rows(a, i, h, start, stages_v, stages_w, known):
                 known[m + d, c] += ha * stages_w[j, d, c]
 
 
-@njit(**OPTIONS)
+@njit(**INLINED)
 def place_rows(known, w, hg, m, result):
     """As ``place``, for the sensitivities: result, known (n_s, n_c), w (n_w, n_c)."""
     n_c = known.shape[1]

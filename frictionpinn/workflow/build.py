@@ -105,7 +105,7 @@ def _require_motion(columns: dict[str, Any], system: System) -> None:
                 where="data.columns",
                 received=", ".join(columns),
                 allowed=f"at least one of {', '.join(coordinate.signals)}",
-                fix="name its column, for example data.columns.{0}=my_column".format(coordinate.signals[0]),
+                fix=f"name its column, for example data.columns.{coordinate.signals[0]}=my_column",
             )
     if system.massless and not any(item.name in columns for item in system.inputs):
         raise UserError(

@@ -146,7 +146,9 @@ def test_stiffer_bristles_agree_with_radau():
 )  # fmt: skip
 def test_any_lugre_parameters_give_a_finite_answer_or_a_reason(log_s0, log_s1, s2, mu_c, ratio, log_vs):
     sim = simulator("pob", "lugre")
-    p = values("lugre", sigma_0=10**log_s0, sigma_1=10**log_s1, sigma_2=s2, mu_c=mu_c, mu_s=ratio * mu_c, v_s=10**log_vs)
+    p = values(
+        "lugre", sigma_0=10**log_s0, sigma_1=10**log_s1, sigma_2=s2, mu_c=mu_c, mu_s=ratio * mu_c, v_s=10**log_vs
+    )
     try:
         assert np.isfinite(sim.simulate(T, path(sim), p).F).all()
     except SimulationFailed as error:
@@ -157,12 +159,16 @@ def test_any_lugre_parameters_give_a_finite_answer_or_a_reason(log_s0, log_s1, s
 def test_frictionless_pendulum_on_a_box_keeps_energy_and_momentum():
     sim = simulator("pob", "coulomb", ())
     t = np.arange(801) / 400
-    result = sim.simulate(t, path(sim, t, {"tau": sp.Integer(0)}), {"mu_c": 0}, {"theta": 2.2, "v": 0.1}, rtol=1e-9, atol=1e-9)
+    result = sim.simulate(
+        t, path(sim, t, {"tau": sp.Integer(0)}), {"mu_c": 0}, {"theta": 2.2, "v": 0.1}, rtol=1e-9, atol=1e-9
+    )
     s = sim.mechanism.system.values
     (theta, v, omega) = (result.signals[name] for name in ("theta", "v", "omega"))
     moment = s["m_L"] * s["d"]
     potential = moment * s["g"] * np.cos(theta)
-    kinetic = ((s["m_b"] + s["m_L"]) * v**2 + (s["J_L"] + moment * s["d"]) * omega**2) / 2 + moment * v * omega * np.cos(theta)
+    kinetic = (
+        (s["m_b"] + s["m_L"]) * v**2 + (s["J_L"] + moment * s["d"]) * omega**2
+    ) / 2 + moment * v * omega * np.cos(theta)
     momentum = (s["m_b"] + s["m_L"]) * v + moment * omega * np.cos(theta)
     assert np.ptp(kinetic + potential) < 1e-6 * np.ptp(potential)
     assert np.ptp(momentum) < 1e-6 * np.abs(momentum).max()
@@ -257,7 +263,9 @@ def test_sensitivity_to_the_input_path():
     result = sim.simulate(T, inputs, p, sensitivities=["mu_c"], directions={"bump": direction})
     h = 1e-6
     runs = [
-        sim.simulate(T, InputPath(inputs.names, T, inputs.coefficients + s * direction.coefficients), p, steps=result.steps)
+        sim.simulate(
+            T, InputPath(inputs.names, T, inputs.coefficients + s * direction.coefficients), p, steps=result.steps
+        )
         for s in (h, -h)
     ]
     assert result.sensitivity_names == ("mu_c", "bump")
@@ -373,7 +381,9 @@ def test_an_unwritable_cache_falls_back_to_a_temporary_folder(tmp_path):
 def test_processes_may_compile_the_same_mechanism_at_once(tmp_path):
     environment = os.environ | {"FRICTIONPINN_CACHE": str(tmp_path)}
     processes = [
-        subprocess.Popen([sys.executable, "-c", _SCRIPT], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        subprocess.Popen(
+            [sys.executable, "-c", _SCRIPT], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
         for _ in range(3)
     ]
     outcomes = [process.communicate(timeout=60) for process in processes]

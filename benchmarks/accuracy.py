@@ -1,0 +1,75 @@
+"""Accuracy of configurations over seeds: online force error on the held-out swing, and parameters against the truth.
+
+    python benchmarks/accuracy.py --name defaults --seeds 5 model=pe2,bb2
+    python benchmarks/accuracy.py --name lambda --seeds 3 model=pe2 model.loss.weight=0.1,1,10
+
+Every other argument is an override of train.py; lists are swept. Writes benchmarks/results/accuracy_NAME.txt.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import statistics
+import sys
+import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def run(overrides: list[str]) -> dict:
+    """Train one configuration and return its result."""
+    from hydra import compose, initialize_config_dir
+    from omegaconf import OmegaConf
+
+    from frictionpinn.workflow.train import train
+
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        cfg = OmegaConf.to_container(compose("train", overrides=[*overrides, "trainer.threads=1"]), resolve=True)
+    with tempfile.TemporaryDirectory() as folder:
+        return train(cfg, Path(folder))
+
+
+def row(label: str, results: list[dict]) -> str:
+    """One line of the table: medians over seeds, and the range of the force error."""
+    mse = [item["force_error"]["model"]["mse"] for item in results]
+    seconds = statistics.median(item["training"]["seconds"]["training"] for item in results)
+    text = f"{label:<58} mse {statistics.median(mse):.4f} ({min(mse):.4f} to {max(mse):.4f})"
+    for name in results[0]["parameters"]:
+        known = [item["parameters"][name] for item in results]
+        if "truth" in known[0]:
+            errors = [100 * (entry["value"] / entry["truth"] - 1) for entry in known]
+            text += f"  {name} {statistics.median(errors):+.2f}% (|.| {statistics.median(map(abs, errors)):.2f})"
+    return text + f"  {seconds:.0f} s"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--name", required=True)
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--jobs", type=int, default=2)
+    arguments, overrides = parser.parse_known_args()
+    lists = [[f"{key}={value}" for value in _split(values)] for key, _, values in (o.partition("=") for o in overrides)]
+    cases = [list(case) for case in itertools.product(*lists)]
+    jobs = [[*case, f"seed={seed}"] for case in cases for seed in range(arguments.seeds)]
+    with ProcessPoolExecutor(arguments.jobs, mp_context=get_context("spawn")) as pool:
+        results = list(pool.map(run, jobs))
+    unit = results[0]["force_error"]["unit"]["mse"]
+    lines = [f"python benchmarks/accuracy.py {' '.join(sys.argv[1:])}"]
+    lines.append(f"medians over {arguments.seeds} seeds; mse: online force error on the held-out trials, {unit}; seconds: training")
+    for k, case in enumerate(cases):
+        lines.append(row(" ".join(case), results[k * arguments.seeds : (k + 1) * arguments.seeds]))
+    text = "\n".join(lines) + "\n"
+    print(text)
+    (ROOT / "benchmarks" / "results" / f"accuracy_{arguments.name}.txt").write_text(text)
+
+
+def _split(values: str) -> list[str]:
+    return values.split(",") if not any(mark in values for mark in "[{") else values.split("|")
+
+
+if __name__ == "__main__":
+    main()
