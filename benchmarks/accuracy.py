@@ -59,7 +59,9 @@ def main() -> None:
         results = list(pool.map(run, jobs))
     unit = results[0]["force_error"]["unit"]["mse"]
     lines = [f"python benchmarks/accuracy.py {' '.join(sys.argv[1:])}"]
-    lines.append(f"medians over {arguments.seeds} seeds; mse: online force error on the held-out trials, {unit}; seconds: training")
+    lines.append(
+        f"medians over {arguments.seeds} seeds; mse: online force error on the held-out trials, {unit}; seconds: training"
+    )
     for k, case in enumerate(cases):
         lines.append(row(" ".join(case), results[k * arguments.seeds : (k + 1) * arguments.seeds]))
     text = "\n".join(lines) + "\n"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..numerics.smoothing import Smoother
+from ..numerics.smoothing import Signal, Smoother
 from ..numerics.torch_functions import contact_signals
 from ..physics import System
 from .recording import Recording, Trial
@@ -73,8 +73,9 @@ def _smooth(
     return result
 
 
-def _signals(trial: Trial, names: tuple[str, ...]) -> tuple[np.ndarray | None, ...]:
-    return tuple(trial.signals.get(name) for name in names)
+def _signals(trial: Trial, names: tuple[str, str, str]) -> tuple[Signal, Signal, Signal]:
+    position, velocity, acceleration = (trial.signals.get(name) for name in names)
+    return position, velocity, acceleration
 
 
 def backward_difference(t: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -39,6 +39,8 @@ def simulate_recording(
     Raises:
         UserError: an unknown signal, a missing path, parameters out of range, contact lost.
     """
+    if not rate_hz > 0:
+        raise UserError("impossible sampling rate", where="data.rate_hz", received=rate_hz, allowed="above 0 Hz")
     law = choose(friction, LAWS, "data.friction")()
     check_truth(law, truth)
     mechanism = Mechanism(system, law)

@@ -50,8 +50,8 @@ def force_over_velocity(
         slip, np.concatenate([r for r, _ in references]), ".", ms=3, color=INK["reference"], label=references[0][1]
     )
     for k, (name, parts) in enumerate(forces.items()):
-        style = {"color": INK["model"] if k == 0 else INK["baseline"], "ms": 2, "alpha": 0.6}
-        axes.plot(slip, np.concatenate(parts), ".", label=name, **style)
+        color = INK["model"] if k == 0 else INK["baseline"]
+        axes.plot(slip, np.concatenate(parts), ".", label=name, color=color, ms=2, alpha=0.6)
     axes.set(xlabel=f"slip velocity ({units[1]})", ylabel=f"friction force ({units[0]})", title=title)
     axes.legend(loc="best", frameon=False, fontsize=9, markerscale=3)
     return figure

@@ -20,6 +20,10 @@ class FrictionNetwork(nn.Module):
         odd: friction that is the same in both directions is an odd function of the motion.
     """
 
+    signs: Tensor
+    mean: Tensor
+    scale: Tensor
+
     def __init__(self, signs: Tensor, width: int, depth: int, activation: str, odd: bool):
         super().__init__()
         act = choose(activation, ACTIVATIONS, "model.network.activation")

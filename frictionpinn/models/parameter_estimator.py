@@ -70,7 +70,7 @@ class ParameterEstimator(FrictionModel):
         p = self.law_parameters()
         v, N = batch["v"], batch["N"]
         primal, tangent = (batch["x"], v, N), (batch["x_rate"], batch["v_rate"], batch["N_rate"])
-        z, z_rate = jvp(lambda *a: self._bristle(p, *a), primal, tangent)
+        z, z_rate = jvp(lambda *a: self._bristle(p, *a), primal, tangent)[:2]
         force = self.functions.force(v, N, z, z_rate, *p.values())
         return {
             "force": force,

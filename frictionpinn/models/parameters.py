@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import torch
@@ -47,40 +46,32 @@ class LawParameters(nn.Module):
         self.raw = nn.ParameterDict()
         for name in self.names:
             if name not in self.fixed and not (self.tied and name == "sigma_1"):
-                low, high = self._range(name, float(start.get("mu_c", self.fixed.get("mu_c", 0.0))))
-                self.raw[name] = nn.Parameter(torch.tensor(_inverse(float(start[name]), low, high)))
+                low, high = self._range(name, torch.tensor(float(start.get("mu_c", self.fixed.get("mu_c", 0.0)))))
+                self.raw[name] = nn.Parameter(_inverse(float(start[name]), low, high))
 
-    def _range(self, name: str, mu_c):
-        low, high = self.bounds[name]
+    def _range(self, name: str, mu_c: Tensor) -> tuple[Tensor, Tensor]:
+        low, high = (torch.tensor(bound, device=mu_c.device) for bound in self.bounds[name])
         if name != "mu_s":
             return low, high
-        maximum = torch.maximum if isinstance(mu_c, Tensor) else max
-        floor = torch.as_tensor(low) if isinstance(mu_c, Tensor) else low
-        low = maximum(mu_c, floor)
-        return low, maximum(low * (1 + 1e-4), torch.as_tensor(high) if isinstance(mu_c, Tensor) else high)
+        low = torch.maximum(mu_c, low)
+        return low, torch.maximum(low * (1 + 1e-4), high)
 
     def forward(self) -> dict[str, Tensor]:
         """Parameter name -> tensor of shape (), SI units, in the law's order."""
         device = next(iter(self.raw.values())).device
         values = {name: torch.tensor(float(value), device=device) for name, value in self.fixed.items()}
         for name, raw in self.raw.items():
-            low, high = self._range(name, values["mu_c"].to(device) if name == "mu_s" else None)
-            values[name] = _forward(raw, low, high)
+            low, high = self._range(name, values.get("mu_c", torch.zeros((), device=device)))
+            values[name] = low * (high / low) ** torch.sigmoid(raw)
         if self.tied:
             values["sigma_1"] = values["sigma_0"].sqrt()
         return {name: values[name] for name in self.names}
 
 
-def _forward(raw: Tensor, low, high) -> Tensor:
-    log_low = low.log() if isinstance(low, Tensor) else math.log(low)
-    log_high = high.log() if isinstance(high, Tensor) else math.log(high)
-    return torch.exp(log_low + (log_high - log_low) * torch.sigmoid(raw))
-
-
-def _inverse(value: float, low: float, high: float) -> float:
-    share = (math.log(value) - math.log(low)) / max(math.log(high) - math.log(low), 1e-9)
-    share = min(max(share, 0.01), 0.99)  # a start on a bound would have no gradient
-    return math.log(share / (1 - share))
+def _inverse(value: float, low: Tensor, high: Tensor) -> Tensor:
+    share = torch.log(value / low) / torch.log(high / low)
+    share = share.clamp(0.01, 0.99)  # a start on a bound would have no gradient
+    return torch.log(share / (1 - share))
 
 
 def _check(law: FrictionLaw, start: Mapping, bounds: Mapping, fixed: Mapping) -> None:

@@ -20,7 +20,7 @@ OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True}
 INLINED: dict[str, Any] = {**OPTIONS, "inline": "always"}  # calls with many arrays cost as much as the arithmetic
 
 OK, NOT_CONVERGED, CONTACT_LOST, TOO_MANY_STEPS = 0, 1, 2, 3
-SMALLEST, ATTEMPTS, ROUNDOFF = 1e-7, 20000, 1e-2
+SMALLEST, ATTEMPTS, ROUNDOFF, FASTEST = 1e-7, 20000, 1e-2, 1e-3
 
 
 @njit(**INLINED)
@@ -106,11 +106,12 @@ def gather(a, i, h, s0, stages_v, stages_w, known):
 
 
 @njit(**INLINED)
-def solve_stage(kernel, known, hg, u, p, m, atol, tolerance, w, s, out, delta, matrix, pivots):
+def solve_stage(kernel, known, hg, u, p, m, atol, tolerance, w, s, out, delta, matrix, pivots, rate):
     """Newton's method for one stage; w enters as the guess. Returns whether it converged.
 
-    The last correction, in units of the error tolerance of velocity and z, is below ``tolerance``; convergence is
-    quadratic, so the error left is far smaller; one that stops shrinking there is roundoff. One that grows is halved.
+    The error left, in units of the error tolerance of velocity and z, is estimated as the last correction times the
+    rate at which corrections shrank last (kept in ``rate`` from stage to stage, as Hairer and Wanner's RADAU5 does):
+    it is below ``tolerance``. A correction that stops shrinking there is roundoff; one that grows is halved.
     """
     n_w = w.shape[0]
     previous = np.inf
@@ -129,7 +130,11 @@ def solve_stage(kernel, known, hg, u, p, m, atol, tolerance, w, s, out, delta, m
             size = max(size, abs(delta[i]) * scale / atol[m + i])
         if not np.isfinite(size):
             return False
-        converged = size < tolerance or (iteration > 1 and size < ROUNDOFF and size > 0.1 * previous)
+        if iteration > 0 and previous > 0.0:
+            rate[0] = max(size / previous, FASTEST)
+        converged = size * min(rate[0], 1.0) < tolerance or (
+            iteration > 1 and size < ROUNDOFF and size > 0.1 * previous
+        )
         damping = 0.5 if not converged and iteration > 2 and size > 0.9 * previous else 1.0
         previous = size
         for i in range(n_w):
@@ -147,7 +152,7 @@ def step(kernel, a, c, coefficients, k, offset, h, p, m, atol, tolerance, s0, st
     Returns OK, or why the step failed: NOT_CONVERGED, CONTACT_LOST.
     """
     n_s, n_w = s0.shape[0], stages_w.shape[1]
-    known, u, w, delta, matrix, pivots = work
+    known, u, w, delta, matrix, pivots, rate = work
     for d in range(m):
         stages_v[0, d] = s0[m + d]
     for i in range(1, a.shape[0]):
@@ -156,7 +161,9 @@ def step(kernel, a, c, coefficients, k, offset, h, p, m, atol, tolerance, s0, st
         ahead = (c[i] - c[i - 1]) / (c[i - 1] - c[i - 2]) if i > 1 and c[i - 1] > c[i - 2] else 0.0
         for d in range(n_w):
             w[d] = stages_w[i - 1, d] + ahead * (stages_w[i - 1, d] - stages_w[max(i - 2, 0), d])
-        converged = solve_stage(kernel, known, h * a[i, i], u, p, m, atol, tolerance, w, s, out, delta, matrix, pivots)
+        converged = solve_stage(
+            kernel, known, h * a[i, i], u, p, m, atol, tolerance, w, s, out, delta, matrix, pivots, rate
+        )
         if not out[n_w + n_w * (n_s + n_w)] > 0.0:
             return CONTACT_LOST
         if not converged:
@@ -207,9 +214,9 @@ def copy_to(source, target):
 @njit(**OPTIONS)
 def begin(kernel, coefficients, p, m, atol, start, first, s, out, work):
     """Solve for w at the first sample (into first). Returns the status."""
-    _, u, _, delta, matrix, pivots = work
+    _, u, _, delta, matrix, pivots, rate = work
     evaluate(coefficients, 0, 0.0, u)
-    converged = solve_stage(kernel, start, 0.0, u, p, m, atol, 1e-9, first, s, out, delta, matrix, pivots)
+    converged = solve_stage(kernel, start, 0.0, u, p, m, atol, 1e-9, first, s, out, delta, matrix, pivots, rate)
     if not out[out.shape[0] - 1] > 0.0:
         return CONTACT_LOST
     return OK if converged else NOT_CONVERGED
@@ -242,7 +249,7 @@ def integrate(kernel, a, c, error, order, t, coefficients, p, m, atol, rtol, tol
     stages_w, stages_v = np.zeros((stages, n_w)), np.zeros((stages, m))
     out = np.zeros(n_w + n_w * (n_s + n_w) + 1)
     matrix, pivots = np.empty((n_w, n_w)), np.empty(n_w, np.int64)
-    work = (np.empty(n_s), np.zeros(n_u), np.empty(n_w), np.empty(n_w), matrix, pivots)
+    work = (np.empty(n_s), np.zeros(n_u), np.empty(n_w), np.empty(n_w), matrix, pivots, np.ones(1))
     status = begin(kernel, coefficients, p, m, atol, start, first, s, out, work)
     states[0], unknowns[0] = start, first
     if status != OK:

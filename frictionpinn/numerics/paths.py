@@ -73,6 +73,15 @@ class InputPath:
     t: np.ndarray
     coefficients: np.ndarray
 
+    def __post_init__(self):
+        t = _checked_times(self.t)
+        shape = (len(t) - 1, len(self.names), DEGREE + 1)
+        coefficients = np.ascontiguousarray(self.coefficients, dtype=float)
+        if coefficients.shape != shape:
+            raise UserError("wrong size", where="coefficients", received=coefficients.shape, allowed=str(shape))
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "coefficients", coefficients)
+
     @classmethod
     def from_signals(
         cls,
@@ -109,7 +118,7 @@ class InputPath:
         for item in mechanism.system.inputs:
             columns.append(_PLAIN[force](t, _samples(signals, item.name, t, required=False))[:, None, :])
         stacked = np.concatenate(columns, axis=1) if columns else np.zeros((len(t) - 1, 0, DEGREE + 1))
-        return cls(mechanism.input_signals, t, np.ascontiguousarray(stacked))
+        return cls(mechanism.input_signals, t, stacked)
 
     @classmethod
     def from_expressions(cls, mechanism: Mechanism, t: np.ndarray, expressions: Mapping[str, sp.Expr]) -> InputPath:
@@ -133,7 +142,7 @@ class InputPath:
             expr = expressions.get(item.name, sp.Integer(0))
             columns.append(quintic_hermite(t, *sample_expression(expr, t, f"inputs.{item.name}"))[:, :1])
         stacked = np.concatenate(columns, axis=1) if columns else np.zeros((len(t) - 1, 0, DEGREE + 1))
-        return cls(mechanism.input_signals, t, np.ascontiguousarray(stacked))
+        return cls(mechanism.input_signals, t, stacked)
 
     @cached_property
     def samples(self) -> np.ndarray:

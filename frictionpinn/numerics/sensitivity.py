@@ -2,6 +2,9 @@
 
 With S = ds/dc and W = dw/dc for the quantities c, each stage satisfies R_s S_i + R_w W_i + R_p dp/dc + R_u du/dc = 0
 together with the stage's own relation between S_i and W_i: a linear system with Newton's matrix.
+
+numba's cache does not notice a change in a function imported from another file: after editing integrator.py, touch
+this file too.
 """
 
 from __future__ import annotations

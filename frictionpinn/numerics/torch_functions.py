@@ -40,7 +40,9 @@ CONTACT_SIGNALS = ("v_slip", "normal_force", "a_slip", "a_frictionless", "fricti
 
 
 @lru_cache(maxsize=32)
-def _contact_function(kind: type[System], equations: str, driven: tuple[str, ...]) -> tuple[Callable, tuple[str, ...]]:
+def _contact_function(
+    kind: Callable[..., System], equations: str, driven: tuple[str, ...]
+) -> tuple[Callable, tuple[str, ...]]:
     system = kind(equations=equations, driven=driven)
     symbols = [symbol for c in system.moving for symbol in c.symbols] + [item.symbol for item in system.inputs]
     names = [name for c in system.moving for name in c.signals] + [item.name for item in system.inputs]
@@ -63,7 +65,8 @@ def contact_signals(system: System, signals: dict[str, np.ndarray]) -> dict[str,
     n = len(next(iter(signals.values())))
     columns = [np.asarray(signals[name], float) if name in signals else np.zeros(n) for name in names]
     values = function(*columns, *(system.values[par.name] for par in system.parameters))
-    return {key: np.broadcast_to(np.asarray(value, float), (n,)) for key, value in zip(CONTACT_SIGNALS, values, strict=True)}
+    full = [np.broadcast_to(np.asarray(value, float), (n,)) for value in values]
+    return dict(zip(CONTACT_SIGNALS, full, strict=True))
 
 
 class LawFunctions:

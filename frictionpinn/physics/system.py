@@ -107,7 +107,8 @@ class System:
             )
         par = table[name]
         try:
-            inside = par.low <= float(value) <= par.high and not (par.low == 0 and float(value) == 0 and "kg" in par.unit)
+            massless = float(value) == 0 and "kg" in par.unit
+            inside = par.low <= float(value) <= par.high and not massless
         except (TypeError, ValueError):
             inside = False
         if not inside:

@@ -27,7 +27,7 @@ NOISE: dict[str, Callable[..., Noise]] = {
     "quantised": QuantisedNoise,
     "outliers": OutlierNoise,
 }
-SMOOTHING: dict[str, tuple[Callable[..., Smoother], Callable[..., Smoother]]] = {
+SMOOTHING: dict[str, tuple[Callable[..., Any], Callable[..., Any]]] = {
     "none": (NoSmoothing, lambda **options: NoSmoothing(causal=True, **options)),
     "savgol": (SavitzkyGolay, lambda **options: NoSmoothing(causal=True, **options)),
     "spline": (SmoothingSpline, lambda **options: NoSmoothing(causal=True, **options)),
@@ -53,17 +53,21 @@ def build_smoothing(cfg: Config) -> tuple[Smoother, Smoother]:
     return offline(**(cfg.get("offline") or {})), online(**(cfg.get("online") or {}))
 
 
-def build_recording(cfg: Config, system: System) -> Recording:
-    """The recording before noise is added: simulated, from files, or a public set."""
-    wanted = cfg.get("for_system")
-    if wanted and wanted != system.name:
+def check_pairing(cfg: Config) -> None:
+    """Raise :class:`UserError` where a public set is used with another system than its own."""
+    wanted, name = cfg["data"].get("for_system"), cfg["system"]["name"]
+    if wanted and wanted != name:
         raise UserError(
             "data of another system",
             where="data",
-            received=f"{cfg['name']} with system={system.name}",
+            received=f"{cfg['data']['name']} with system={name}",
             allowed=f"system={wanted}",
             fix=f"add system={wanted}",
         )
+
+
+def build_recording(cfg: Config, system: System) -> Recording:
+    """The recording before noise is added: simulated, from files, or a public set."""
     if cfg["name"] == "simulated":
         return simulate_recording(system, cfg["friction"], cfg["truth"], cfg["trials"], float(cfg["rate_hz"]))
     if cfg["name"] == "csv":

@@ -13,8 +13,8 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import ChoiceSweep, Override
 from hydra.errors import HydraException
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from ..errors import UserError, nearest
 
@@ -34,7 +34,16 @@ def fail(error: BaseException) -> None:
 
 def check_command_line(config_folder: Path, config_name: str, arguments: Sequence[str]) -> None:
     """Raise :class:`UserError` for an unknown group option or key, before Hydra reads the command line."""
-    texts = [item for item in arguments if "=" in item and not item.startswith("-")]
+    texts = [item for item in arguments if not item.startswith("-")]
+    for text in texts:
+        if "=" not in text and not text.startswith("~"):
+            raise UserError(
+                "not an option",
+                where="command line",
+                received=repr(text),
+                allowed="key=value",
+                fix="see python train.py --help",
+            )
     try:
         overrides = OverridesParser.create().parse_overrides(texts)
     except HydraException as error:
@@ -83,24 +92,42 @@ def _check_keys(config_folder: Path, config_name: str, overrides: list[str]) -> 
         with initialize_config_dir(str(config_folder), version_base="1.3"):
             plain = [item for item in overrides if item]
             config = compose(config_name, overrides=plain)
+            default = compose(config_name, overrides=[item for item in plain if _is_group(config_folder, item)])
         OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+        _check_types(default, config, plain)
     except (HydraException, OmegaConfBaseException) as error:
         raise _explain(error, config_folder, config_name) from error
     finally:
         GlobalHydra.instance().clear()
 
 
+def _is_group(config_folder: Path, override: str) -> bool:
+    return (config_folder / override.partition("=")[0].lstrip("+~")).is_dir()
+
+
+def _check_types(default: DictConfig, config: DictConfig, overrides: list[str]) -> None:
+    """A number or a switch of the configuration must stay one."""
+    for override in overrides:
+        key = override.partition("=")[0].lstrip("+~")
+        before, after = OmegaConf.select(default, key), OmegaConf.select(config, key)
+        number = isinstance(before, int | float) and not isinstance(before, bool)
+        wrong = number and (isinstance(after, bool) or not isinstance(after, int | float | None))
+        if wrong or (isinstance(before, bool) and not isinstance(after, bool)):
+            raise UserError(
+                "not a number" if number else "not a switch",
+                where=key,
+                received=repr(after),
+                allowed=f"a number such as {before}" if number else "true or false",
+                fix="write the value without a unit" if number else "",
+            )
+
+
 def _explain(error: Exception, config_folder: Path, config_name: str) -> UserError:
     cause = error.__cause__ or error
     text = f"{error} {cause}"
-    missing = re.search(r"Missing mandatory value: ([\w.]+)", text)
-    if missing:
-        return UserError(
-            "a value is missing",
-            where=missing.group(1),
-            received="nothing",
-            fix=f"add {missing.group(1)}=... to the command",
-        )
+    if isinstance(cause, MissingMandatoryValue) or isinstance(error, MissingMandatoryValue):
+        key = getattr(error, "full_key", None) or getattr(cause, "full_key", None) or "?"
+        return UserError("a value is missing", where=key, received="nothing", fix=f"add {key}=... to the command")
     unknown = re.search(r"(?:Could not override|No match in the defaults list[^']*|Key) '([\w./@]+)'", text)
     if unknown:
         key = unknown.group(1)

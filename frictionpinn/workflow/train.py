@@ -18,7 +18,7 @@ from ..data.module import TrajectoryData
 from ..errors import UserError, nearest
 from ..models import FrictionModel
 from ..models.base import check_same_model
-from .build import Config, build_data, build_model, build_system
+from .build import Config, build_data, build_model, build_system, check_pairing
 from .callbacks import Progress, Scalars, StopOnNaN
 from .result import report, summarise, write_json
 
@@ -43,6 +43,7 @@ def train(cfg: Config, folder: Path) -> dict[str, Any]:
     quiet()
     torch.set_num_threads(int(cfg["trainer"].get("threads") or torch.get_num_threads()))
     L.seed_everything(seed_of(cfg), workers=False, verbose=False)
+    check_pairing(cfg)
     system = build_system(cfg["system"])
     data = build_data(cfg, system)
     model = build_model(cfg, system, data)
