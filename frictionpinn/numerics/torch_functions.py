@@ -61,7 +61,7 @@ def contact_signals(system: System, signals: dict[str, np.ndarray]) -> dict[str,
     Returns:
         name (see ``CONTACT_SIGNALS``) -> array of shape (n,), SI units.
     """
-    function, names = _contact_function(type(system), system.equations, system.driven)
+    function, names = _contact_function(type(system), system.equations, system.driven)  # type: ignore[arg-type]
     n = len(next(iter(signals.values())))
     columns = [np.asarray(signals[name], float) if name in signals else np.zeros(n) for name in names]
     values = function(*columns, *(system.values[par.name] for par in system.parameters))
