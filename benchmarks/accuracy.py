@@ -60,7 +60,7 @@ def main() -> None:
     unit = results[0]["force_error"]["unit"]["mse"]
     lines = [f"python benchmarks/accuracy.py {' '.join(sys.argv[1:])}"]
     lines.append(
-        f"medians over {arguments.seeds} seeds; mse: online force error on the held-out trials, {unit}; seconds: training"
+        f"medians over {arguments.seeds} seeds; mse: online force error on held-out trials, {unit}; seconds of training"
     )
     for k, case in enumerate(cases):
         lines.append(row(" ".join(case), results[k * arguments.seeds : (k + 1) * arguments.seeds]))

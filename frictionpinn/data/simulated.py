@@ -116,7 +116,7 @@ def _trial(simulator: Simulator, truth: dict[str, float], spec: Mapping[str, Any
         expressions[name] = parse_expression(str(text), f"{where}.{name}", constants)
     initial = {key: float(value) for key, value in spec.get("initial", {}).items()}
     path = InputPath.from_expressions(mechanism, t, expressions)
-    run = simulator.simulate(t, path, truth, initial)
+    run = simulator.simulate(t, path, truth, initial, z0="steady")
     unused = {name for name in inputs if name not in expressions}
     signals = {name: values for name, values in run.signals.items() if name not in unused}
     truth_signals = {

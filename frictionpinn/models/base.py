@@ -154,7 +154,8 @@ def check_same_model(checkpoint: Mapping[str, Any], hparams: Mapping[str, Any], 
         raise UserError(
             "not a checkpoint of frictionpinn", where=where, fix="give a file from a run's checkpoints folder"
         )
-    for key in ("name", "inputs", "windows", "network", "law"):
+    saved, hparams = ({**table, "optimizer": table.get("optimizer", {}).get("name")} for table in (saved, hparams))
+    for key in ("name", "inputs", "windows", "network", "law", "optimizer"):
         if saved.get(key) != hparams.get(key):
             raise UserError(
                 "checkpoint of another model",

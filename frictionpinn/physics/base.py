@@ -100,8 +100,8 @@ def stribeck_curve(c: Contact, p: SimpleNamespace) -> sp.Expr:
 
 MU_C = Parameter("mu_c", "1", "Coulomb friction coefficient")
 MU_S = Parameter("mu_s", "1", "static friction coefficient (breakaway)")
-V_S = Parameter("v_s", "{L}/s", "Stribeck velocity", low=1e-9)
-ALPHA = Parameter("alpha", "1", "Stribeck shape exponent", value=2.0, low=0.1, high=10.0)
+V_S = Parameter("v_s", "{L}/s", "Stribeck velocity", low=1e-6)
+ALPHA = Parameter("alpha", "1", "Stribeck shape exponent", value=2.0, low=0.1, high=4.0)
 V_T = Parameter("v_t", "{L}/s", "transition velocity of the regularised sign", value=1e-4, low=1e-9)
 SIGMA_0 = Parameter("sigma_0", "{F}/{L}", "bristle stiffness", low=1e-9)
 SIGMA_1 = Parameter("sigma_1", "{F}*s/{L}", "bristle damping")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
 
+import numpy as np
 import sympy as sp
 
 from ..errors import UserError, nearest
@@ -88,7 +89,7 @@ class System:
                 fix=nearest(equations, self.equations_allowed) or "use the default, lagrange",
             )
         self.equations = equations
-        self.driven = self.driven if driven is None else tuple(driven)
+        self.driven = self.driven if driven is None else self._checked_driven(driven)
         self.values = {par.name: par.value for par in self.parameters}
         for name, value in values.items():
             self._check(name, value)
@@ -103,12 +104,13 @@ class System:
                 where=where,
                 received=value,
                 allowed=", ".join(table),
-                fix=nearest(name, table),
+                fix=nearest(name, table) or "use one of the allowed names",
             )
         par = table[name]
         try:
             massless = float(value) == 0 and "kg" in par.unit
-            inside = par.low <= float(value) <= par.high and not massless
+            inside = par.low <= float(value) <= par.high and not massless and np.isfinite(float(value))
+            inside = inside and not isinstance(value, bool)
         except (TypeError, ValueError):
             inside = False
         if not inside:
@@ -119,6 +121,19 @@ class System:
                 allowed=f"{par.low:g} to {par.high:g} {par.unit}" + (" (not 0)" if "kg" in par.unit else ""),
                 fix="give the measured value in SI units",
             )
+
+    def _checked_driven(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        valid = [c.name for c in self.moving]
+        for name in (names,) if isinstance(names, str) else names:
+            if isinstance(names, str) or name not in valid:
+                raise UserError(
+                    "not a list of coordinates",
+                    where="system.driven",
+                    received=repr(names),
+                    allowed=", ".join(valid),
+                    fix=nearest(name, valid) or "give a list of these names",
+                )
+        return tuple(names)
 
     # what a subclass says ------------------------------------------------------------------------------------
     def kinetic(self, s: SimpleNamespace, p: SimpleNamespace) -> sp.Expr:
@@ -184,13 +199,20 @@ class System:
         zero = {symbol: 0 for c in self.coordinates if c.constrained for symbol in c.symbols}
         return sp.simplify(expr.subs(zero))
 
+    @cached_property
+    def _derived(self) -> dict[str, sp.Expr]:
+        return {}
+
     def euler_lagrange(self, coordinate: Coordinate) -> sp.Expr:
         """d/dt dT/dqd - dT/dq + dV/dq + dD/dqd - Q of a coordinate, without the contact's friction and normal force."""
+        if coordinate.name in self._derived:
+            return self._derived[coordinate.name]
         q, qd, _ = coordinate.symbols
         kinetic, potential = self.kinetic(self.s, self.p), self.potential(self.s, self.p)
         expr = self._time_derivative(sp.diff(kinetic, qd)) - sp.diff(kinetic, q) + sp.diff(potential, q)
         expr += sp.diff(self.dissipation(self.s, self.p), qd)
-        return self._contact_holds(expr - self.applied(self.s, self.p).get(coordinate.name, sp.Integer(0)))
+        applied = self.applied(self.s, self.p).get(coordinate.name, sp.Integer(0))
+        return self._derived.setdefault(coordinate.name, self._contact_holds(expr - applied))
 
     def residual(self, coordinate: Coordinate) -> sp.Expr:
         """The Euler-Lagrange expression in the chosen form of the equations (an override may publish another)."""
