@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..data.contact import ContactTrial
+from ..errors import UserError
 from .features import Features
 from .network import FrictionNetwork
 from .optimizers import build_optimizer
@@ -95,7 +96,8 @@ class FrictionModel(L.LightningModule):
         if "residual" in predicted:
             residual = predicted["residual"]
             if self.loss["consistency"] == "relative":
-                residual = residual / (batch["v"].abs() + self.scales["velocity_noise"])
+                floor = float(self.loss.get("floor", 1.0)) * self.scales["velocity_noise"]
+                residual = residual / (batch["v"].abs() + floor)
             parts["consistency"] = float(self.loss["weight"]) * residual.square().mean()
         parts["loss"] = sum(parts.values(), start=torch.zeros((), device=force.device))
         return parts
@@ -146,21 +148,40 @@ class FrictionModel(L.LightningModule):
 
 
 def check_same_model(checkpoint: Mapping[str, Any], hparams: Mapping[str, Any], where: str = "ckpt_path") -> None:
-    """Raise :class:`UserError` unless the checkpoint's variant, inputs and network are those of the configuration."""
-    from ..errors import UserError
-
+    """Raise :class:`UserError` unless the checkpoint is of the same variant, network, law, system and optimizer."""
     saved = checkpoint.get("hyper_parameters")
     if not isinstance(saved, Mapping) or "name" not in saved:
         raise UserError(
             "not a checkpoint of frictionpinn", where=where, fix="give a file from a run's checkpoints folder"
         )
-    saved, hparams = ({**table, "optimizer": table.get("optimizer", {}).get("name")} for table in (saved, hparams))
-    for key in ("name", "inputs", "windows", "network", "law", "optimizer"):
-        if saved.get(key) != hparams.get(key):
-            raise UserError(
-                "checkpoint of another model",
-                where=where,
-                received=f"{key} = {saved.get(key)}",
-                allowed=f"{key} = {hparams.get(key)}",
-                fix=f"train with model={saved['name']} and the options of that run, or start afresh without ckpt_path",
-            )
+    difference = _first_difference(_identity(saved), _identity(hparams))
+    if difference:
+        key, theirs, ours = difference
+        raise UserError(
+            "checkpoint of another model",
+            where=where,
+            received=f"{key} = {theirs}",
+            allowed=f"{key} = {ours}",
+            fix=f"train with model={saved['name']} and the options of that run, or start afresh without ckpt_path",
+        )
+
+
+def _identity(hparams: Mapping[str, Any]) -> dict[str, Any]:
+    """What must agree before a checkpoint's weights and the optimizer's state mean the same."""
+    own = {key: hparams.get(key) for key in ("name", "inputs", "windows", "network", "bristle")}
+    own["system"] = (hparams.get("context") or {}).get("system")
+    own["optimizer"] = (hparams.get("optimizer") or {}).get("name")
+    return {**own, "friction": hparams.get("law")}
+
+
+def _first_difference(saved: Any, own: Any, key: str = "") -> tuple[str, Any, Any] | None:
+    """Key and both values where two plain structures first differ; numbers agree to 1e-6."""
+    if isinstance(saved, Mapping) and isinstance(own, Mapping):
+        pairs = ((name, saved.get(name), own.get(name)) for name in {**own, **saved})
+        found = (_first_difference(a, b, f"{key}.{name}".lstrip(".")) for name, a, b in pairs)
+        return next(filter(None, found), None)
+    try:
+        same = np.shape(saved) == np.shape(own) and bool(np.allclose(saved, own, rtol=1e-6, atol=0.0))
+    except (TypeError, ValueError):
+        same = saved == own
+    return None if same else (key, saved, own)

@@ -25,6 +25,11 @@ class AdamThenLBFGS(torch.optim.LBFGS):
         self.adam = torch.optim.Adam(groups)
         self.adam_steps, self.count = adam_steps, 0
 
+    @property
+    def active(self) -> torch.optim.Optimizer:
+        """The method that made the last step."""
+        return self.adam if self.count <= self.adam_steps else self
+
     def step(self, closure):  # type: ignore[override]
         self.count += 1
         if self.count <= self.adam_steps:

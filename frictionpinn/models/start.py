@@ -15,27 +15,44 @@ DECADES = 2.0  # half-width of a default search range: two decades to either sid
 def data_scales(trials: Sequence[ContactTrial]) -> dict[str, float]:
     """Robust scales of the training data: force, normal force, slip velocity, slip acceleration, friction ratio.
 
-    The ratio |F| / F_N is the median over the fastest third of the samples, where the contact slides if it ever does.
+    ``ratio`` and ``viscous`` are mu_c and sigma_2 of F = mu_c F_N sign(v) + sigma_2 v, by least squares over the
+    sliding samples: those faster than ten times the velocity's noise and a fifth of its root mean square.
+    ``breakaway`` is the share |F| / F_N that one sample in a hundred exceeds.
     """
     stack = {
         name: np.concatenate([trial.offline[name] for trial in trials])
         for name in ("friction_force", "normal_force", "v_slip", "a_slip")
     }
-    speed = np.abs(stack["v_slip"])
-    fast = speed >= np.quantile(speed, 0.67)
-    normal = np.maximum(np.abs(stack["normal_force"]), 1e-12)
 
     def rms(values: np.ndarray) -> float:
         return float(np.sqrt(np.mean(values**2))) or 1.0
 
     noise = np.concatenate([trial.online["v_slip"] - trial.offline["v_slip"] for trial in trials])
-    return {
+    scales = {
         "force": rms(stack["friction_force"]),
         "velocity": rms(stack["v_slip"]),
         "acceleration": rms(stack["a_slip"]),
-        "ratio": float(np.median(np.abs(stack["friction_force"])[fast] / normal[fast])) or 1.0,
         "velocity_noise": max(float(np.sqrt(np.mean(noise**2))), 1e-3 * rms(stack["v_slip"])),
     }
+    scales["ratio"], scales["viscous"] = _sliding(stack, scales)
+    share = np.abs(stack["friction_force"]) / np.maximum(np.abs(stack["normal_force"]), 1e-12)
+    scales["breakaway"] = max(float(np.quantile(share, 0.99)), 1.1 * scales["ratio"])
+    return scales
+
+
+def _sliding(stack: Mapping[str, np.ndarray], scales: Mapping[str, float]) -> tuple[float, float]:
+    v, force, normal = stack["v_slip"], stack["friction_force"], np.abs(stack["normal_force"])
+    slides = np.abs(v) > max(10 * scales["velocity_noise"], 0.2 * scales["velocity"])
+    if slides.sum() < 10:
+        return float(np.median(np.abs(force) / np.maximum(normal, 1e-12))) or 1.0, 0.1 * scales["force"] / scales[
+            "velocity"
+        ]
+    design = np.stack([normal * np.sign(v), v], axis=1)[slides]
+    (ratio, viscous), *_ = np.linalg.lstsq(design, force[slides], rcond=None)
+    typical = float(np.median(np.abs(force[slides]) / np.maximum(normal[slides], 1e-12))) or 1.0
+    # A falling branch (Stribeck) can make the viscous share negative: it must start positive all the same.
+    least = 1e-2 * scales["force"] / scales["velocity"]
+    return max(float(ratio), 0.1 * typical), max(float(viscous), least)
 
 
 def default_start(law: FrictionLaw, scales: Mapping[str, float]) -> dict[str, float]:
@@ -48,11 +65,11 @@ def default_start(law: FrictionLaw, scales: Mapping[str, float]) -> dict[str, fl
     stiffness = force / (1e-2 * velocity**2 / acceleration)
     table = {
         "mu_c": scales["ratio"],
-        "mu_s": 1.5 * scales["ratio"],
+        "mu_s": scales["breakaway"],
         "v_s": 0.05 * velocity,
         "sigma_0": stiffness,
         "sigma_1": 2 * np.sqrt(stiffness * force / acceleration),
-        "sigma_2": 0.1 * force / velocity,
+        "sigma_2": scales["viscous"],
     }
     return {par.name: float(table[par.name]) for par in law.parameters if par.value is None}
 

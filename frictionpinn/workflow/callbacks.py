@@ -29,7 +29,8 @@ class Scalars(L.Callback):
             return
         values = {f"loss/{name}": float(value) for name, value in pl_module.parts.items()}
         values |= {f"parameter/{name}": value for name, value in pl_module.physical().items()}
-        for k, group in enumerate(trainer.optimizers[0].param_groups):
+        optimizer = trainer.optimizers[0]
+        for k, group in enumerate(getattr(optimizer, "active", optimizer).param_groups):
             values[f"learning_rate/{'network' if k == 0 else 'physical'}"] = float(group["lr"])
         for logger in trainer.loggers:
             logger.log_metrics(values, step=step)

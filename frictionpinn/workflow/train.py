@@ -49,7 +49,7 @@ def train(cfg: Config, folder: Path) -> dict[str, Any]:
     model = build_model(cfg, system, data)
     data.prepare_for(model)
     if cfg.get("ckpt_path"):
-        check_same_model(load_checkpoint(cfg["ckpt_path"], "ckpt_path"), dict(model.hparams))
+        check_resumable(load_checkpoint(cfg["ckpt_path"], "ckpt_path"), model, int(cfg["trainer"]["max_epochs"]))
     trainer = build_trainer(cfg, folder, validation=bool(data.splits["validation"]))
     log.info(announce(cfg, data))
     start = time.perf_counter()
@@ -111,6 +111,20 @@ def load_checkpoint(path: str | Path, where: str) -> Mapping[str, Any]:
             allowed="a checkpoint written by train.py",
             fix=f"use another checkpoint of the run ({type(error).__name__})",
         ) from error
+
+
+def check_resumable(checkpoint: Mapping[str, Any], model: FrictionModel, max_epochs: int) -> None:
+    """Raise :class:`UserError` for a checkpoint of another model, or one that has had all its epochs."""
+    check_same_model(checkpoint, dict(model.hparams))
+    done = int(checkpoint.get("epoch", -1)) + 1
+    if done >= max_epochs:
+        raise UserError(
+            "nothing left to train",
+            where="trainer.max_epochs",
+            received=max_epochs,
+            allowed=f"more than {done}, the epochs of the checkpoint",
+            fix="raise it, or start afresh without ckpt_path",
+        )
 
 
 def build_trainer(cfg: Config, folder: Path, validation: bool) -> L.Trainer:

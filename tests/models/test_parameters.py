@@ -28,13 +28,13 @@ def parameters(**options) -> LawParameters:
 
 def assert_physical(values: dict[str, torch.Tensor]) -> None:
     for name, (low, high) in BOUNDS.items():
-        assert low * (1 - 1e-5) <= float(values[name]) <= high * (1 + 1e-5), name
-    assert float(values["mu_s"]) >= float(values["mu_c"])
+        assert low * (1 - 1e-5) <= values[name].item() <= high * (1 + 1e-5), name
+    assert values["mu_s"].item() >= values["mu_c"].item()
 
 
 def test_training_starts_where_it_is_told_to():
     for name, value in parameters()().items():
-        assert float(value) == pytest.approx(START.get(name, 2.0), rel=1e-5)
+        assert value.item() == pytest.approx(START.get(name, 2.0), rel=1e-5)
 
 
 @settings(max_examples=60, deadline=None)

@@ -46,7 +46,7 @@ def mirrored(model, batch):
 def test_force_is_odd_in_the_motion_exactly_where_it_shall_be(variant, batch, name, odd, bristle):
     model = variant(name, odd, bristle)
     there = batch(model)
-    forces = model.predict(there)["force"], model.predict(mirrored(model, there))["force"]
+    forces = [model.predict(item)["force"].detach() for item in (there, mirrored(model, there))]
     difference = float((forces[0] + forces[1]).abs().max() / forces[0].abs().max())
     assert difference < 1e-4 if odd else difference > 1e-3
 
@@ -167,8 +167,13 @@ def test_a_checkpoint_of_another_variant_is_refused_in_one_line(make, saved, now
 def test_a_checkpoint_of_another_network_is_refused_and_its_own_accepted(make):
     hparams = dict(make("pe2").hparams)
     check_same_model({"hyper_parameters": hparams}, dict(make("pe2").hparams))
-    with pytest.raises(UserError, match="another model: .*width"):
+    with pytest.raises(UserError, match=r"another model: .*width"):
         check_same_model({"hyper_parameters": hparams}, dict(make("pe2", network={"width": 8}).hparams))
+    shifted = {**hparams, "law": {**hparams["law"], "start": {**hparams["law"]["start"], "mu_c": 1e-3}}}
+    with pytest.raises(UserError, match=r"ckpt_path is friction.start.mu_c = 0.001"):
+        check_same_model({"hyper_parameters": shifted}, hparams)
+    start = {name: value * (1 + 1e-9) for name, value in hparams["law"]["start"].items()}  # another processor
+    check_same_model({"hyper_parameters": {**hparams, "law": {**hparams["law"], "start": start}}}, hparams)
     with pytest.raises(UserError, match="not a checkpoint of frictionpinn"):
         check_same_model({"state_dict": {}}, hparams)
 

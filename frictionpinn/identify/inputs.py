@@ -1,0 +1,112 @@
+"""Noisy inputs as smooth paths: B-splines whose coefficients are estimated with the parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_factor, cho_solve
+
+from ..numerics.paths import DEGREE
+from ..numerics.smoothing import difference_sigma
+
+COARSEST, FINEST = 8, 2  # knot intervals of the coarsest spline tried; samples per interval of the finest
+PATIENCE = 3  # finer splines that may fail to lower the criterion before the search ends
+
+
+@dataclass(frozen=True)
+class PathBasis:
+    """Degree-5 B-spline basis of one input over one trial, knots at sample times.
+
+    Attributes:
+        t: times, s, shape (n,).
+        breaks: indices of the samples that are knots, the ends included.
+        orders: 3 for a motion (position, velocity, acceleration), 1 for a plain input.
+    """
+
+    t: np.ndarray
+    breaks: tuple[int, ...]
+    orders: int
+
+    @classmethod
+    def evenly(cls, t: np.ndarray, intervals: int, orders: int) -> PathBasis:
+        """Basis with about ``intervals`` knot intervals of equal numbers of samples."""
+        count = min(intervals, (len(t) - 1) // FINEST) or 1
+        return cls(t, tuple(np.unique(np.linspace(0, len(t) - 1, count + 1).round().astype(int))), orders)
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients."""
+        return len(self.breaks) + DEGREE - 1
+
+    @cached_property
+    def _spline(self) -> BSpline:
+        inner = self.t[list(self.breaks[1:-1])]
+        knots = np.concatenate([np.full(6, self.t[0]), inner, np.full(6, self.t[-1])])
+        return BSpline(knots, np.eye(self.size), DEGREE)
+
+    @cached_property
+    def design(self) -> np.ndarray:
+        """Value and derivatives at the samples, shape (orders, n, size)."""
+        return np.stack([self._spline.derivative(m)(self.t) for m in range(self.orders)])
+
+    @cached_property
+    def pieces(self) -> np.ndarray:
+        """Polynomial coefficients between the samples, shape (size, n - 1, orders, 6), as in ``InputPath``."""
+        powers = [self._spline.derivative(m)(self.t[:-1]) for m in range(DEGREE + 1)]
+        result = np.zeros((self.size, len(self.t) - 1, self.orders, DEGREE + 1))
+        for k in range(self.orders):
+            for m in range(DEGREE + 1 - k):
+                result[:, :, k, m] = powers[m + k].T / math.factorial(m)
+        return result
+
+    def fit(self, y: np.ndarray, sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weighted least squares on y, shape (orders, n), NaN where missing; sigmas, shape (orders,).
+
+        Returns:
+            coefficients, shape (size,), and the residuals y - spline, shape (orders, n).
+        """
+        weight = np.where(np.isnan(y), 0.0, 1 / sigmas[:, None])
+        rows = (self.design * weight[:, :, None]).reshape(-1, self.size)
+        gram = rows.T @ rows
+        gram[np.diag_indices_from(gram)] *= 1 + 1e-12
+        right = rows.T @ (np.nan_to_num(y) * weight).reshape(-1)
+        coefficients = cho_solve(cho_factor(gram), right)
+        return coefficients, y - self.design @ coefficients
+
+
+def choose_basis(t: np.ndarray, y: np.ndarray, sigmas: np.ndarray, most: int) -> PathBasis | None:
+    """Return the basis of least Bayesian information criterion sum_k n_k log(RSS_k / n_k) + p log(sum_k n_k).
+
+    Intervals grow by half from the coarsest; the search ends where three finer ones brought nothing.
+
+    Args:
+        t: times, s, shape (n,).
+        y: signals, shape (orders, n), NaN where missing.
+        sigmas: their noise standard deviations, shape (orders,).
+        most: largest number of coefficients; None is returned where the best would need more.
+    """
+    counts = np.sum(~np.isnan(y), axis=1)
+    measured = counts > 0
+    best, least, worse, intervals = None, np.inf, 0, max(2, min(COARSEST, len(t) // 8)) / 2
+    while worse < PATIENCE:
+        basis = PathBasis.evenly(t, round(intervals), len(y))
+        if basis.size > most:
+            return None if worse < 2 else best
+        squares = np.nansum(basis.fit(y, sigmas)[1] ** 2, axis=1)[measured]
+        variance = np.maximum(squares / counts[measured], (1e-3 * sigmas[measured]) ** 2)
+        value = float(np.sum(counts[measured] * np.log(variance)) + basis.size * np.log(counts.sum()))
+        best, least, worse = (basis, value, 0) if value < least else (best, least, worse + 1)
+        if intervals >= (len(t) - 1) / FINEST:
+            break
+        intervals *= 1.4
+    return best
+
+
+def signal_sigmas(t: Sequence[np.ndarray], signals: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
+    """Noise standard deviations by differences: signals[k] holds signal k of every trial. Shape (len(signals),)."""
+    return np.array([difference_sigma(list(zip(t, columns, strict=True))) for columns in signals])

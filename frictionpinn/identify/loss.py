@@ -1,0 +1,67 @@
+"""What a residual costs: the Gaussian log-likelihood, or one with heavy tails that outliers cannot dominate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import choose
+
+DEGREES_OF_FREEDOM = 4.0
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Cost r^2 / 2 of a residual r in units of its noise's standard deviation."""
+
+    robust = False
+
+    def cost(self, r: np.ndarray) -> float:
+        """Sum over all residuals."""
+        return 0.5 * float(np.vdot(r, r))
+
+    def weight(self, r: np.ndarray) -> np.ndarray:
+        """Derivative of the cost divided by r, shape of r."""
+        return np.ones_like(r)
+
+    def sigma(self, r: np.ndarray, freedom: float) -> float:
+        """Most likely noise standard deviation of residuals r, shape (n,), with ``freedom`` degrees of freedom."""
+        return float(np.sqrt(np.vdot(r, r) / freedom))
+
+
+@dataclass(frozen=True)
+class StudentT(Loss):
+    """Negative log-likelihood of Student's t with nu degrees of freedom: (nu + 1) / 2 log(1 + r^2 / nu).
+
+    The weight (nu + 1) / (nu + r^2) falls to 0 for an outlier, so that it is left out, and Gauss-Newton with these
+    weights is the usual iteratively reweighted least squares. The noise level is that of the t distribution's scale.
+
+    Source: Lange, Little and Taylor, J. Am. Stat. Assoc. 84 (1989).
+    """
+
+    robust = True
+    nu: float = DEGREES_OF_FREEDOM
+
+    def cost(self, r: np.ndarray) -> float:
+        return 0.5 * (self.nu + 1) * float(np.log1p(r**2 / self.nu).sum())
+
+    def weight(self, r: np.ndarray) -> np.ndarray:
+        return (self.nu + 1) / (self.nu + r**2)
+
+    def sigma(self, r: np.ndarray, freedom: float) -> float:
+        sigma = 1.4826 * float(np.median(np.abs(r))) or 1e-300
+        for _ in range(50):
+            new = float(np.sqrt(np.sum(self.weight(r / sigma) * r**2) / freedom))
+            if abs(new - sigma) < 1e-6 * sigma:
+                break
+            sigma = new
+        return sigma
+
+
+LOSSES = {"gaussian": Loss(), "robust": StudentT()}
+
+
+def choose_loss(name: str) -> Loss:
+    """Return the loss of that name; :class:`UserError` for an unknown one."""
+    return choose(name, LOSSES, "loss")

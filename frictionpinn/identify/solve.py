@@ -1,0 +1,153 @@
+"""Levenberg-Marquardt with a few global unknowns and many that belong to one trial each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from .trial import Piece
+
+LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
+STUCK = 1e12  # damping beyond which no step will help
+
+
+@dataclass(frozen=True)
+class State:
+    """Unknowns and the cost's local model there.
+
+    Attributes:
+        u: global unknowns, shape (n_g,).
+        locals: local unknowns of every trial.
+        pieces: contributions of every trial, the global columns in u.
+    """
+
+    u: np.ndarray
+    locals: tuple[np.ndarray, ...]
+    pieces: tuple[Piece, ...]
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of squares (or of the robust cost)."""
+        return sum(piece.cost for piece in self.pieces)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where the search ended, after how many evaluations with derivatives and without, and why."""
+
+    state: State
+    iterations: int
+    evaluations: int
+    reason: str
+
+
+Evaluate = Callable[[np.ndarray, Sequence[np.ndarray], bool], State | None]
+
+
+def reduced(state: State, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray, list]:
+    """Eliminate the local unknowns: Schur complement (n_g, n_g), its gradient (n_g,), and what back-substitution needs.
+
+    With H = [[A, B], [B', C]] and C block diagonal over trials, S = A - sum_b B_b C_b^-1 B_b'. Damping adds
+    ``damping`` times the diagonal of H first.
+    """
+    n = len(state.u)
+    S, g, back = np.zeros((n, n)), np.zeros(n), []
+    for piece in state.pieces:
+        S += piece.gg
+        g += piece.grad_g
+    S[np.diag_indices(n)] *= 1 + damping
+    for piece in state.pieces:
+        if not len(piece.grad_l):
+            back.append(None)
+            continue
+        scale = 1 / np.sqrt(piece.ll.diagonal())
+        matrix = piece.ll * scale[:, None] * scale
+        matrix[np.diag_indices_from(matrix)] = 1 + damping + 1e-13
+        right = np.column_stack([piece.gl.T, piece.grad_l]) * scale[:, None]
+        X = cho_solve(cho_factor(matrix), right) * scale[:, None]
+        S -= piece.gl @ X[:, :n]
+        g -= piece.gl @ X[:, n]
+        back.append(X)
+    return S, g, back
+
+
+def _step(state: State, damping: float, frozen: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], float] | None:
+    """Damped Gauss-Newton step (global, local) and the decrease that the quadratic model predicts for it."""
+    S, g, back = reduced(state, damping)
+    n, free = len(state.u), ~frozen
+    du = np.zeros(n)
+    if free.any():
+        scale = 1 / np.sqrt(np.maximum(S.diagonal()[free], 1e-300))
+        try:
+            factor = cho_factor(S[np.ix_(free, free)] * scale[:, None] * scale)
+        except np.linalg.LinAlgError:
+            return None
+        du[free] = -scale * cho_solve(factor, scale * g[free])
+    dl = [np.zeros(0) if X is None else -X[:, n] - X[:, :n] @ du for X in back]
+    longest = np.abs(du).max(initial=0.0)
+    factor = min(1.0, LONGEST_STEP / longest) if longest > 0 else 1.0
+    du, dl = factor * du, [factor * d for d in dl]
+    decrease = 0.0
+    for piece, d in zip(state.pieces, dl, strict=True):
+        decrease -= float(du @ piece.grad_g + 0.5 * du @ piece.gg @ du)
+        if len(d):
+            decrease -= float(d @ piece.grad_l + 0.5 * d @ piece.ll @ d + du @ piece.gl @ d)
+    return du, dl, decrease
+
+
+def levenberg_marquardt(
+    evaluate: Evaluate,
+    start: State,
+    limits: tuple[np.ndarray, np.ndarray],
+    *,
+    iterations: int = 60,
+    relative: float = 1e-10,
+    decrease: float = 1e-7,
+    damping: float = 1e-3,
+) -> Solution:
+    """Minimise the cost within bounds on the global unknowns.
+
+    A trial step for which the model cannot be simulated is rejected like one that raises the cost. A global unknown
+    at its bound stays there while the gradient points outwards. The search ends where the cost changes by less than
+    ``relative`` of itself, or the undamped model promises less than ``decrease`` (in units of the log-likelihood).
+
+    Args:
+        evaluate: (u, locals, derivatives) -> State, or None where the model cannot be simulated.
+        start: with derivatives.
+        limits: bounds of u.
+
+    Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05 (1999), for the damping.
+    """
+    state, growth, evaluations, reason = start, 2.0, 0, "too many iterations"
+    low, high = limits
+    for iteration in range(iterations):
+        gradient = reduced(state)[1]
+        at = ((state.u <= low) & (gradient > 0)) | ((state.u >= high) & (gradient < 0))
+        full = _step(state, 0.0, at)
+        if full is not None and abs(full[2]) < decrease:
+            return Solution(state, iteration, evaluations, "converged")
+        while True:
+            step = _step(state, damping, at)
+            better = None
+            if step is not None:
+                u = np.clip(state.u + step[0], low, high)
+                locals_ = [x + d for x, d in zip(state.locals, step[1], strict=True)]
+                better, evaluations = evaluate(u, locals_, False), evaluations + 1
+            gain = state.cost - better.cost if better else -np.inf
+            if step is not None and better is not None and gain > 0:
+                ratio = gain / max(step[2], 1e-300)
+                damping = max(damping * max(1 / 5, 1 - (2 * ratio - 1) ** 3), 1e-12)
+                growth = 2.0
+                break
+            damping, growth = max(damping, 1e-9) * growth, growth * 2
+            if damping > STUCK or (step is not None and better is not None and abs(gain) <= 1e-13 * state.cost):
+                return Solution(state, iteration, evaluations, "converged" if full and full[2] < 1e-2 else "stuck")
+        done = gain < relative * state.cost and damping < 1.0
+        found = evaluate(better.u, better.locals, True)
+        state = found if found is not None else replace(better, pieces=state.pieces)
+        if done or found is None:
+            return Solution(state, iteration + 1, evaluations, "converged" if found else "stuck")
+    return Solution(state, iterations, evaluations, reason)

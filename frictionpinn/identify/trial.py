@@ -1,0 +1,208 @@
+"""One trial, or one window of it: what was measured, what is unknown there, and the model's distance from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..numerics.paths import InputPath
+from ..numerics.simulate import Simulation, Simulator
+from .inputs import PathBasis
+from .loss import Loss
+
+RELATIVE_FLOOR = 1e-12  # of the largest diagonal entry: keeps what no signal sees from making a matrix singular
+
+
+@dataclass(frozen=True)
+class NoisyInput:
+    """A measured input whose path is a spline: columns of u, measured signals, fitted coefficients.
+
+    Attributes:
+        names: its signals.
+        columns: their places in u.
+        basis: the spline's basis.
+        y: measured signals, shape (len(names), n), NaN where missing.
+        coefficients: least-squares fit to them alone, shape (basis.size,).
+    """
+
+    names: tuple[str, ...]
+    columns: tuple[int, ...]
+    basis: PathBasis
+    y: np.ndarray
+    coefficients: np.ndarray
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Contribution of one trial to the cost: value, gradient and Gauss-Newton matrix, split into global and local.
+
+    ``residuals`` holds model minus measurement by signal, in SI units.
+    """
+
+    cost: float
+    residuals: dict[str, np.ndarray]
+    gg: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    gl: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    ll: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    grad_g: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    grad_l: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True)
+class TrialModel:
+    """The unknowns of a trial are its initial states, then the coefficients of its noisy inputs.
+
+    Attributes:
+        simulator: of the mechanism.
+        trial: name of the trial (and window).
+        t: times, s, shape (n,).
+        outputs: name of a measured signal -> name of the model's, ("x" -> "x"; "force" -> "F" of a damper).
+        y: measured outputs, shape (n_out, n), NaN where missing.
+        base: input path without the noisy inputs.
+        inputs: noisy inputs.
+        states: initial states that are unknown, of ``simulator.state_names``.
+        start: start values of all states (z as the bristle force sigma_0 z), by name; without z: steady.
+        force_scale: prior standard deviation of the initial bristle force, in the system's unit of force.
+    """
+
+    simulator: Simulator
+    trial: str
+    t: np.ndarray
+    outputs: dict[str, str]
+    y: np.ndarray
+    base: InputPath
+    inputs: tuple[NoisyInput, ...]
+    states: tuple[str, ...]
+    start: dict[str, float]
+    force_scale: float
+
+    def __post_init__(self):
+        directions: dict[str, InputPath] = {}
+        for item in self.inputs:
+            for j in range(item.basis.size):
+                coefficients = np.zeros_like(self.base.coefficients)
+                coefficients[:, list(item.columns)] = item.basis.pieces[j]
+                directions[f"{item.names[0]}[{j}]"] = InputPath(self.base.names, self.t, coefficients)
+        object.__setattr__(self, "_directions", directions)
+
+    def size(self, joint: bool) -> int:
+        """Number of local unknowns, with or without the inputs' coefficients."""
+        return len(self.states) + (sum(item.basis.size for item in self.inputs) if joint else 0)
+
+    @property
+    def local(self) -> np.ndarray:
+        """Start of the local unknowns, the inputs' coefficients included."""
+        states = [self.start[name] for name in self.states]
+        return np.concatenate([states, *(item.coefficients for item in self.inputs)])
+
+    def path(self, local: np.ndarray) -> InputPath:
+        """Input path at the local unknowns."""
+        if not self.inputs:
+            return self.base
+        coefficients, first = self.base.coefficients.copy(), len(self.states)
+        for item, values in self._split(local, first):
+            coefficients[:, list(item.columns)] = np.tensordot(values, item.basis.pieces, 1)
+        return InputPath(self.base.names, self.t, coefficients)
+
+    def _split(self, local: np.ndarray, first: int):
+        for item in self.inputs:
+            given = len(local) > len(self.states)
+            yield item, local[first : first + item.basis.size] if given else item.coefficients
+            first += item.basis.size
+
+    def initial(self, p: Mapping[str, float], local: np.ndarray) -> dict[str, float]:
+        """Initial state by name, SI units."""
+        y0 = dict(self.start)
+        y0.update(zip(self.states, local, strict=False))
+        if "z" in y0 and "sigma_0" in p:
+            y0["z"] /= p["sigma_0"]
+        return y0
+
+    def simulate(
+        self, p: Mapping[str, float], local: np.ndarray, names: Sequence[str] = (), joint: bool = False, **options
+    ) -> Simulation:
+        """Simulate at the parameters and local unknowns, with sensitivities if ``names`` are given."""
+        wanted = [*names, *(f"{state}(0)" for state in self.states)] if names else []
+        directions = self._directions if names and joint else {}  # type: ignore[attr-defined]
+        return self.simulator.simulate(
+            self.t, self.path(local), p, self.initial(p, local), z0="steady", sensitivities=wanted,
+            directions=directions, **options,
+        )  # fmt: skip
+
+    def evaluate(
+        self,
+        p: Mapping[str, float],
+        local: np.ndarray,
+        sigmas: Mapping[str, float],
+        loss: Loss,
+        names: Sequence[str] = (),
+        joint: bool = False,
+        **options,
+    ) -> Piece:
+        """Cost of the trial, and with ``names`` of free parameters its derivatives.
+
+        The derivatives in the parameters are in their own units, those in the initial bristle in the bristle force's.
+        """
+        run = self.simulate(p, local, names, joint, **options)
+        model = self._model(run)
+        residuals = {name: row - y for name, row, y in zip(self.outputs, model, self.y, strict=True)}
+        scale = np.array([sigmas[name] for name in self.outputs])
+        r = np.nan_to_num((model - self.y) / scale[:, None])
+        cost = loss.cost(r)
+        prior = self._prior(local)
+        cost += 0.5 * float(prior @ prior)
+        n_g, n_l, n_s = len(names), self.size(joint), len(self.states)
+        if names:
+            J = self._jacobian(run, p, names) / scale[:, None, None]
+            J[np.isnan(self.y)] = 0.0
+            weight = loss.weight(r)
+            J, r = J.reshape(-1, n_g + n_l), r.reshape(-1)
+            weighted = J * weight.reshape(-1, 1) if loss.robust else J
+            gram, gradient = weighted.T @ J, weighted.T @ r
+            ll, grad_l = gram[n_g:, n_g:].copy(), gradient[n_g:].copy()
+            if "z" in self.states:
+                i = self.states.index("z")
+                ll[i, i] += 1 / self.force_scale**2
+                grad_l[i] += prior[0] / self.force_scale
+        first = n_s
+        for item, values in self._split(local, n_s):
+            design, levels = item.basis.design, np.array([sigmas[name] for name in item.names])
+            difference = design @ values - item.y
+            residuals.update(zip(item.names, difference, strict=True))
+            if not joint:
+                continue
+            r_in = np.nan_to_num(difference / levels[:, None])
+            cost += loss.cost(r_in)
+            if names:
+                rows = np.where(np.isnan(item.y), 0.0, 1 / levels[:, None])[:, :, None] * design
+                weighted = rows * loss.weight(r_in)[:, :, None] if loss.robust else rows
+                end = first + item.basis.size
+                flat = weighted.reshape(-1, item.basis.size)
+                ll[first:end, first:end] += flat.T @ rows.reshape(-1, item.basis.size)
+                grad_l[first:end] += flat.T @ r_in.reshape(-1)
+                first = end
+        if not names:
+            return Piece(cost, residuals)
+        ll[np.diag_indices(n_l)] += RELATIVE_FLOOR * (ll.diagonal().max() if n_l else 0.0)
+        return Piece(cost, residuals, gram[:n_g, :n_g], gram[:n_g, n_g:], ll, gradient[:n_g], grad_l)
+
+    def _model(self, run: Simulation) -> np.ndarray:
+        return np.stack([run.F if key == "F" else run.signals[key] for key in self.outputs.values()])
+
+    def _prior(self, local: np.ndarray) -> np.ndarray:
+        """The initial bristle force, weakly held within what friction can be: where the body slides no signal sees it."""
+        if "z" not in self.states:
+            return np.zeros(0)
+        return local[[self.states.index("z")]] / self.force_scale
+
+    def _jacobian(self, run: Simulation, p: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
+        J = np.stack([run.sensitivities[key] for key in self.outputs.values()])
+        if "z" in self.states and "sigma_0" in p:
+            column = len(names) + self.states.index("z")
+            if "sigma_0" in names:
+                z0 = run.z[0]
+                J[:, :, list(names).index("sigma_0")] -= J[:, :, column] * z0 / p["sigma_0"]
+            J[:, :, column] /= p["sigma_0"]
+        return J
