@@ -67,6 +67,36 @@ def main() -> None:
     text = "\n".join(lines) + "\n"
     print(text)
     (ROOT / "benchmarks" / "results" / f"accuracy_{arguments.name}.txt").write_text(text)
+    if arguments.name == "defaults":
+        grouped = [results[k * arguments.seeds : (k + 1) * arguments.seeds] for k in range(len(cases))]
+        fill_readme(markdown(grouped, unit))
+
+
+def markdown(groups: list[list[dict]], unit: str) -> str:
+    """The README's table: median force error, and median error of the well-determined parameters."""
+    lines = [
+        f"| model | online force error, {unit} | Coulomb + viscous fit, {unit} | mu_c | sigma_2 | training, s |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    for results in groups:
+        cells = [results[0]["model"]]
+        for key in ("model", "coulomb_viscous"):
+            cells.append(f"{statistics.median(item['force_error'][key]['mse'] for item in results):.3f}")
+        for name in ("mu_c", "sigma_2"):
+            found = [item["parameters"].get(name) for item in results]
+            known = [abs(100 * (entry["value"] / entry["truth"] - 1)) for entry in found if entry]
+            cells.append(f"{statistics.median(known):.2f} % off" if known else "")
+        cells.append(f"{statistics.median(item['training']['seconds']['training'] for item in results):.0f}")
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def fill_readme(table: str) -> None:
+    """Put the table between the README's markers."""
+    path = ROOT / "README.md"
+    head, _, rest = path.read_text(encoding="utf-8").partition("<!-- accuracy -->")
+    tail = rest.partition("<!-- /accuracy -->")[2]
+    path.write_text(f"{head}<!-- accuracy -->\n{table}\n<!-- /accuracy -->{tail}", encoding="utf-8")
 
 
 def _split(values: str) -> list[str]:

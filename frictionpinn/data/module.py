@@ -81,6 +81,13 @@ class TrajectoryData(L.LightningDataModule):
     ):
         super().__init__()
         self.recording, self.splits, self.steps_per_epoch = recording, splits, int(steps_per_epoch)
+        if self.steps_per_epoch < 1:
+            raise UserError(
+                "impossible number of steps",
+                where="data.steps_per_epoch",
+                received=steps_per_epoch,
+                allowed="at least 1",
+            )
         self.by_name = {trial.name: trial for trial in trials}
         self._batches: dict[str, dict[str, Tensor]] = {}
 

@@ -13,6 +13,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from ..numerics.paths import DEGREE
 from ..numerics.smoothing import difference_sigma
+from .gram import gram
 
 COARSEST, FINEST = 8, 2  # knot intervals of the coarsest spline tried; samples per interval of the finest
 PATIENCE = 3  # finer splines that may fail to lower the criterion before the search ends
@@ -52,7 +53,7 @@ class PathBasis:
     @cached_property
     def design(self) -> np.ndarray:
         """Value and derivatives at the samples, shape (orders, n, size)."""
-        return np.stack([self._spline.derivative(m)(self.t) for m in range(self.orders)])
+        return np.ascontiguousarray(np.stack([self._spline.derivative(m)(self.t) for m in range(self.orders)]))
 
     @cached_property
     def pieces(self) -> np.ndarray:
@@ -71,11 +72,10 @@ class PathBasis:
             coefficients, shape (size,), and the residuals y - spline, shape (orders, n).
         """
         weight = np.where(np.isnan(y), 0.0, 1 / sigmas[:, None])
-        rows = (self.design * weight[:, :, None]).reshape(-1, self.size)
-        gram = rows.T @ rows
-        gram[np.diag_indices_from(gram)] *= 1 + 1e-12
-        right = rows.T @ (np.nan_to_num(y) * weight).reshape(-1)
-        coefficients = cho_solve(cho_factor(gram), right)
+        rows = self.design.reshape(-1, self.size)
+        matrix, right = gram(rows, np.nan_to_num(y).reshape(-1), (weight**2).reshape(-1))
+        matrix[np.diag_indices_from(matrix)] *= 1 + 1e-12
+        coefficients = cho_solve(cho_factor(matrix), right)
         return coefficients, y - self.design @ coefficients
 
 

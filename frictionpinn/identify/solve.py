@@ -105,7 +105,7 @@ def levenberg_marquardt(
     *,
     iterations: int = 60,
     relative: float = 1e-10,
-    decrease: float = 1e-7,
+    decrease: float = 3e-3,
     damping: float = 1e-3,
 ) -> Solution:
     """Minimise the cost within bounds on the global unknowns.
@@ -145,7 +145,7 @@ def levenberg_marquardt(
             damping, growth = max(damping, 1e-9) * growth, growth * 2
             if damping > STUCK or (step is not None and better is not None and abs(gain) <= 1e-13 * state.cost):
                 return Solution(state, iteration, evaluations, "converged" if full and full[2] < 1e-2 else "stuck")
-        done = gain < relative * state.cost and damping < 1.0
+        done = gain < max(relative * state.cost, decrease) and damping < 1.0
         found = evaluate(better.u, better.locals, True)
         state = found if found is not None else replace(better, pieces=state.pieces)
         if done or found is None:

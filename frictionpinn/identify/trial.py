@@ -9,6 +9,7 @@ import numpy as np
 
 from ..numerics.paths import InputPath
 from ..numerics.simulate import Simulation, Simulator
+from .gram import gram
 from .inputs import PathBasis
 from .loss import Loss
 
@@ -155,13 +156,10 @@ class TrialModel:
         cost += 0.5 * float(prior @ prior)
         n_g, n_l, n_s = len(names), self.size(joint), len(self.states)
         if names:
-            J = self._jacobian(run, p, names) / scale[:, None, None]
-            J[np.isnan(self.y)] = 0.0
-            weight = loss.weight(r)
-            J, r = J.reshape(-1, n_g + n_l), r.reshape(-1)
-            weighted = J * weight.reshape(-1, 1) if loss.robust else J
-            gram, gradient = weighted.T @ J, weighted.T @ r
-            ll, grad_l = gram[n_g:, n_g:].copy(), gradient[n_g:].copy()
+            J = self._jacobian(run, p, names)
+            weight = np.where(np.isnan(self.y), 0.0, loss.weight(r) / scale[:, None] ** 2)
+            H, gradient = gram(J.reshape(-1, n_g + n_l), (r * scale[:, None]).reshape(-1), weight.reshape(-1))
+            ll, grad_l = H[n_g:, n_g:].copy(), gradient[n_g:].copy()
             if "z" in self.states:
                 i = self.states.index("z")
                 ll[i, i] += 1 / self.force_scale**2
@@ -176,17 +174,18 @@ class TrialModel:
             r_in = np.nan_to_num(difference / levels[:, None])
             cost += loss.cost(r_in)
             if names:
-                rows = np.where(np.isnan(item.y), 0.0, 1 / levels[:, None])[:, :, None] * design
-                weighted = rows * loss.weight(r_in)[:, :, None] if loss.robust else rows
                 end = first + item.basis.size
-                flat = weighted.reshape(-1, item.basis.size)
-                ll[first:end, first:end] += flat.T @ rows.reshape(-1, item.basis.size)
-                grad_l[first:end] += flat.T @ r_in.reshape(-1)
+                weight = np.where(np.isnan(item.y), 0.0, loss.weight(r_in) / levels[:, None] ** 2)
+                H_in, g_in = gram(
+                    design.reshape(-1, item.basis.size), (r_in * levels[:, None]).reshape(-1), weight.reshape(-1)
+                )
+                ll[first:end, first:end] += H_in
+                grad_l[first:end] += g_in
                 first = end
         if not names:
             return Piece(cost, residuals)
         ll[np.diag_indices(n_l)] += RELATIVE_FLOOR * (ll.diagonal().max() if n_l else 0.0)
-        return Piece(cost, residuals, gram[:n_g, :n_g], gram[:n_g, n_g:], ll, gradient[:n_g], grad_l)
+        return Piece(cost, residuals, H[:n_g, :n_g], H[:n_g, n_g:], ll, gradient[:n_g], grad_l)
 
     def _model(self, run: Simulation) -> np.ndarray:
         return np.stack([run.F if key == "F" else run.signals[key] for key in self.outputs.values()])

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..data.contact import ContactTrial
-from ..errors import UserError
+from ..errors import UserError, choose
 from .features import Features
 from .network import FrictionNetwork
 from .optimizers import build_optimizer
@@ -73,6 +73,7 @@ class FrictionModel(L.LightningModule):
         self.save_hyperparameters()
         self.features = Features.from_config(inputs, windows)
         self.network = FrictionNetwork(torch.as_tensor(self.features.odd), **network)
+        check_loss(loss)
         self.loss, self.scales, self.optimizer_config = dict(loss), dict(scales), dict(optimizer)
         self.parts: dict[str, Tensor] = {}
 
@@ -145,6 +146,16 @@ class FrictionModel(L.LightningModule):
             name: torch.as_tensor(v, device=self.device) for name, v in tensors(trial, self.features, source).items()
         }
         return {name: value.squeeze(-1).cpu().numpy().astype(float) for name, value in self.predict(batch).items()}
+
+
+def check_loss(loss: Mapping[str, Any]) -> None:
+    """Raise :class:`UserError` for an unknown term or a weight that is not a positive number."""
+    for key, known in (("force", ("normalised", "plain")), ("consistency", ("relative", "plain"))):
+        choose(loss.get(key, known[0]), dict.fromkeys(known), f"model.loss.{key}")
+    for key in ("weight", "floor"):
+        value = loss.get(key, 1.0)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
+            raise UserError("not a weight", where=f"model.loss.{key}", received=repr(value), allowed="a number above 0")
 
 
 def check_same_model(checkpoint: Mapping[str, Any], hparams: Mapping[str, Any], where: str = "ckpt_path") -> None:

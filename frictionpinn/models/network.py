@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from ..errors import choose
+from ..errors import UserError, choose
 
 ACTIVATIONS = {"relu": nn.ReLU, "silu": nn.SiLU, "tanh": nn.Tanh, "gelu": nn.GELU, "softplus": nn.Softplus}
 
@@ -26,6 +26,11 @@ class FrictionNetwork(nn.Module):
 
     def __init__(self, signs: Tensor, width: int, depth: int, activation: str, odd: bool):
         super().__init__()
+        for key, value in (("width", width), ("depth", depth)):
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise UserError(
+                    "impossible network", where=f"model.network.{key}", received=value, allowed="a whole number from 1"
+                )
         act = choose(activation, ACTIVATIONS, "model.network.activation")
         layers: list[nn.Module] = []
         size = len(signs)

@@ -90,6 +90,14 @@ def _check(law: FrictionLaw, start: Mapping, bounds: Mapping, fixed: Mapping) ->
         if par.name in fixed:
             _check_value(par, float(fixed[par.name]), (par.low, par.high), "fixed")
             continue
+        if not 0 < float(start[par.name]) < float("inf"):
+            raise UserError(
+                f"{par.text} must be positive",
+                where=f"friction.start.{par.name}",
+                received=start[par.name],
+                allowed="above 0",
+                fix="give its value in SI units, or null for a start from the scale of the data",
+            )
         low, high = bounds[par.name]
         if not 0 < low < high:
             raise UserError(

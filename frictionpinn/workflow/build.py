@@ -94,7 +94,7 @@ def _from_files(cfg: Config, system: System) -> Recording:
     return read_recording(
         cfg["path"],
         columns=columns,
-        units=cfg.get("units") or {},
+        units=cfg.get("units") or {"default": "SI"},
         signal_units=known,
         trial_column=trial_column,
         gains=cfg.get("gains") or {},

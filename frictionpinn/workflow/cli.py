@@ -96,7 +96,8 @@ def _check_keys(config_folder: Path, config_name: str, overrides: list[str]) -> 
         OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
         _check_types(default, config, plain)
     except (HydraException, OmegaConfBaseException) as error:
-        raise _explain(error, config_folder, config_name) from error
+        choices = [item for item in overrides if item and _is_group(config_folder, item)]
+        raise _explain(error, config_folder, config_name, choices) from error
     finally:
         GlobalHydra.instance().clear()
 
@@ -122,7 +123,7 @@ def _check_types(default: DictConfig, config: DictConfig, overrides: list[str]) 
             )
 
 
-def _explain(error: Exception, config_folder: Path, config_name: str) -> UserError:
+def _explain(error: Exception, config_folder: Path, config_name: str, choices: list[str]) -> UserError:
     cause = error.__cause__ or error
     text = f"{error} {cause}"
     if isinstance(cause, MissingMandatoryValue) or isinstance(error, MissingMandatoryValue):
@@ -132,9 +133,21 @@ def _explain(error: Exception, config_folder: Path, config_name: str) -> UserErr
     if unknown:
         key = unknown.group(1)
         full = re.search(r"full_key: ([\w.]+)", text)
-        keys = _all_keys(config_folder, config_name)
+        keys = _all_keys(config_folder, config_name, choices)
         key = full.group(1) if full else key
-        siblings = [name for name in keys if name.rpartition(".")[0] == key.rpartition(".")[0]] or keys
+        parent = key.rpartition(".")[0]
+        while parent and parent not in keys:
+            parent = parent.rpartition(".")[0]
+        if isinstance(keys.get(parent), str) and keys[parent].startswith("${"):
+            source = keys[parent].strip("${}")
+            return UserError(
+                "set where it is written",
+                where="command line",
+                received=key,
+                allowed=f"{source}{key[len(parent) :]}",
+                fix=f"{parent} is a copy of {source}",
+            )
+        siblings = [name for name in keys if name.rpartition(".")[0] == parent] or list(keys)
         return UserError(
             "unknown key",
             where="command line",
@@ -145,15 +158,18 @@ def _explain(error: Exception, config_folder: Path, config_name: str) -> UserErr
     return UserError("the configuration cannot be composed", where="command line", fix=str(cause).splitlines()[0])
 
 
-def _all_keys(config_folder: Path, config_name: str) -> list[str]:
+def _all_keys(config_folder: Path, config_name: str, choices: list[str]) -> dict[str, object]:
+    """Full key -> value as written, of the configuration with these choices of groups."""
     with initialize_config_dir(str(config_folder), version_base="1.3"):
-        config = OmegaConf.to_container(compose(config_name), resolve=False)
+        config = OmegaConf.to_container(compose(config_name, overrides=choices), resolve=False)
 
-    def walk(node: object, prefix: str) -> list[str]:
+    def walk(node: object, prefix: str) -> dict[str, object]:
         if not isinstance(node, dict):
-            return []
-        names = [f"{prefix}{key}" for key in node]
-        return names + [name for key, value in node.items() for name in walk(value, f"{prefix}{key}.")]
+            return {}
+        table = {f"{prefix}{key}": value for key, value in node.items()}
+        for key, value in node.items():
+            table |= walk(value, f"{prefix}{key}.")
+        return table
 
     return walk(config, "")
 

@@ -30,7 +30,7 @@ TABLES = {
         r"missing value: .*run.csv, column 'v', data row 18 is empty or NaN; allowed: finite",
     ),
     "infinity": (put("a", 3, np.inf), r"infinite value: .*column 'a', data row 4"),
-    "text": (lambda table: table.astype({"x": object}).assign(x=["n/a", *table.x[1:]]), r"column 'x'.*n/a"),
+    "text": (lambda table: table.astype({"x": object}).assign(x=["lost", *table.x[1:]]), r"column 'x'.*lost"),
     "time goes backwards": (put("t", 30, 0.01), r"time goes backwards at row 31: .*0.01 s after .*strictly increasing"),
     "time repeats": (lambda table: put("t", 30, table.t[29])(table), r"time repeats at row 31.*drop the repeated row"),
     "short trial": (
@@ -52,14 +52,20 @@ def test_a_bad_recording_is_refused(check, csv, tmp_path, case):
 COLUMNS = {
     "unknown column": (
         "data.columns={t: t, x: xpos, theta: theta}",
-        r"unknown column: .*columns.x is .*xpos.*trial, t, x",
+        r"unknown column: columns.x in .* is 'xpos'; allowed: trial, t, x",
     ),
     "near column": ("data.columns={t: t, x: x, theta: thetta}", r"columns.theta.*did you mean 'theta'"),
     "unknown signal": ("data.columns={t: t, x: x, thetta: theta}", r"data.columns is 'thetta'.*did you mean 'theta'"),
     "no time": ("data.columns={x: x, theta: theta}", r"no time"),
-    "unknown unit": ("data.units={x: millimetr}", r"unknown unit: units.x is 'millimetr'; allowed: m, .*did you mean"),
-    "wrong dimension": ("data.units={x: kg}", r"wrong dimension: .*units.x is 'kg'; allowed: m, cm, mm"),
-    "missing unit": ("~data.units.default", r"missing unit: units.t; allowed: the unit of its column"),
+    "unknown unit": (
+        "data.units={default: SI, x: millimetr}",
+        r"unknown unit: units.x is 'millimetr'; allowed: m, .*did you mean",
+    ),
+    "wrong dimension": ("data.units={default: SI, x: kg}", r"wrong dimension: .*units.x is 'kg'; allowed: m, cm, mm"),
+    "missing unit": (
+        "data.units={t: s, x: m, v: m/s, a: m/s^2, theta: rad}",
+        r"missing unit: units.omega; allowed: the unit of its column",
+    ),
     "unit of no signal": ("data.units={xx: mm}", r"unknown signal: units is 'xx'"),
     "unknown held-out trial": ("data.held_out=[3]", r"no such trial: data.held_out is 3; allowed: 1, 2"),
     "all held out": ("data.held_out=[1, 2]", r"splits overlap or leave nothing to train on"),
@@ -101,8 +107,9 @@ OPTIONS = {
     "system.parameters.m_b=-0.5": r"mass.* out of its physical range: system.parameters.m_b is -0.5 kg; allowed: .*kg",
     "system.parameters.m_L=0": r"system.parameters.m_L is 0 kg; allowed: .*not 0",
     "system.equations=lagrang": r"unknown equations: .*did you mean 'lagrange'",
-    "data.truth.mu_s=0.1": r"static below Coulomb friction: data.truth.mu_s is 0.1; allowed: at least mu_c = 0.3; raise",
-    "data.truth.mu_c=-0.3": r"Coulomb.*data.truth.mu_c is -0.3; allowed: ",
+    "system.simulate.truth.mu_s=0.1": r"static below Coulomb friction: .*mu_s is 0.1; allowed: at least mu_c = 0.3",
+    "data.truth.mu_s=0.1": r"data.truth.mu_s; allowed: system.simulate.truth.mu_s; data.truth is a copy",
+    "system.simulate.truth.mu_c=-0.3": r"Coulomb.*data.truth.mu_c is -0.3; allowed: ",
     "data.friction=dahl": r"unknown parameter of friction law dahl: data.truth.sigma_1",
     "data.rate_hz=0": r"impossible sampling rate: data.rate_hz is 0",
     "friction.start={mu_c: 0.4, mu_s: 0.3}": r"friction.start.mu_s is 0.3; allowed: at least mu_c = 0.4",
@@ -117,6 +124,7 @@ OPTIONS = {
     "model.loss.force=normalized": r"model.loss.force is 'normalized'; .*did you mean 'normalised'",
     "model.loss.consistency=relativ": r"model.loss.consistency is 'relativ'; .*did you mean 'relative'",
     "data.steps_per_epoch=0": r"data.steps_per_epoch is 0; allowed: at least 1",
+    "model.loss.weight=-1": r"model.loss.weight is -1; allowed: a number above 0",
     "noise.level=-0.1": r"noise.*-0.1; allowed",
 }
 

@@ -1,0 +1,84 @@
+"""A user's own recording: the same data give the same training, however the file is written."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from frictionpinn.workflow.build import build_data, build_system
+
+
+@pytest.fixture
+def contact(configure, tmp_path):
+    """The training trial's signals for data=csv with overrides."""
+
+    def read(path, *overrides):
+        cfg = configure("data=csv", f"data.path={path}", "smoothing=none", *overrides)
+        data = build_data(cfg, build_system(cfg["system"]))
+        return data, data.by_name["1"].offline
+
+    return read
+
+
+def same(one, other):
+    for name, values in one.items():
+        np.testing.assert_allclose(other[name], values, rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+def test_units_and_gains_are_understood(contact, csv):
+    _, plain = contact(csv())
+    scaled = csv(lambda table: table.assign(v=table.v * 1e3, omega=np.rad2deg(table.omega), a=table.a / 2))
+    _, read = contact(scaled, "data.units={v: mm/s, omega: deg/s, default: SI}", "data.gains={a: 2.0}")
+    same(plain, read)
+
+
+def test_one_unit_can_be_added_on_the_command_line(contact, csv, check, tmp_path):
+    path = csv(lambda table: table.assign(x=table.x * 1e3))
+    override = "data.units={x: mm, default: SI}"
+    check(tmp_path / "run", "data=csv", f"data.path={path}", override)
+
+
+def test_columns_that_are_not_needed_are_ignored(contact, csv):
+    _, plain = contact(csv())
+    _, read = contact(csv(lambda table: table.assign(comment="hot", temperature=20.0)[table.columns[::-1].tolist()]))
+    same(plain, read)
+
+
+def test_missing_velocities_and_accelerations_are_derived(contact, csv):
+    data, read = contact(csv(lambda table: table[["trial", "t", "x", "theta"]]))
+    assert set(data.recording.trials[0].signals) == {"x", "theta"}
+    assert np.isfinite(read["friction_force"]).all() and read["v_slip"].std() > 0
+
+
+def test_without_a_trial_column_each_file_is_a_trial(contact, configure, measured_table, tmp_path):
+    for number, table in measured_table.groupby("trial"):
+        table.drop(columns="trial").to_csv(tmp_path / f"{number}.csv", index=False)
+    data, _ = contact(tmp_path)
+    assert data.splits == {"train": ["1"], "validation": [], "held_out": ["2"]}
+
+
+def test_a_single_recording_trains_though_nothing_is_held_out(quick, csv, tmp_path):
+    path = csv(lambda table: table[table.trial == 1].drop(columns="trial"))
+    result = quick(tmp_path / "run", "data=csv", f"data.path={path}", "model=bb1")
+    assert result["force_error"]["on"] == "training trials (none held out)"
+    assert result["data"]["trials"]["train"] == ["run"]
+
+
+def test_the_shortest_allowed_trials_train(quick, csv, tmp_path):
+    path = csv(lambda table: table.groupby("trial").head(10))
+    for smoothing in ("kalman", "savgol", "spline", "none"):
+        result = quick(tmp_path / smoothing, "data=csv", f"data.path={path}", "model=pe2", f"smoothing={smoothing}")
+        assert np.isfinite(result["force_error"]["model"]["rmse"])
+
+
+def test_uneven_sampling_trains(quick, csv, tmp_path):
+    path = csv(lambda table: table.sample(frac=0.8, random_state=1).sort_index())
+    result = quick(tmp_path / "run", "data=csv", f"data.path={path}", "model=pe2")
+    assert np.isfinite(result["force_error"]["model"]["rmse"])
+
+
+def test_noise_is_not_added_to_a_measurement_unless_asked_for(contact, csv):
+    _, plain = contact(csv())
+    _, noisy = contact(csv(), "noise=gaussian")
+    assert np.abs(noisy["v_slip"] - plain["v_slip"]).max() > 0
+    assert contact(csv())[0].recording.checksum == contact(csv(), "noise=gaussian")[0].recording.checksum

@@ -1,0 +1,49 @@
+"""The README's example of a mechanism of one's own works as it is printed there."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def blocks(language: str) -> list[str]:
+    """Code blocks of the README in a language."""
+    return re.findall(rf"```{language}\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)
+
+
+def test_a_system_of_ones_own_is_one_file_one_yaml_and_one_line(tmp_path):
+    for name in ("frictionpinn", "conf"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "train.py", tmp_path)
+    systems = tmp_path / "frictionpinn" / "physics" / "systems"
+    (systems / "tilt.py").write_text(blocks("python")[0])
+    (tmp_path / "conf" / "system" / "tilt.yaml").write_text(blocks("yaml")[0])
+    listing = (systems / "__init__.py").read_text()
+    listing = listing.replace("from .sdob", "from .tilt import TiltingTable\nfrom .sdob").replace(
+        "Damper)}", "Damper, TiltingTable)}"
+    )
+    (systems / "__init__.py").write_text(listing)
+    command = [sys.executable, "train.py", "model=pe2", "system=tilt", "trainer.max_epochs=30", "hydra.run.dir=run"]
+    done = subprocess.run(
+        command,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "run" / "result.json").is_file()
+    assert "mu_c" in done.stdout
+
+
+def test_every_option_that_the_readme_names_exists():
+    for group in ("system", "model", "friction", "data", "noise", "smoothing", "optimizer", "experiment"):
+        row = re.search(rf"\| `{group}` \| (.*?) \|", (ROOT / "README.md").read_text(encoding="utf-8")).group(1)
+        named = set(re.findall(r"`(\w+)`", row))
+        present = {path.stem for path in (ROOT / "conf" / group).glob("*.yaml")}
+        assert named == present, group
