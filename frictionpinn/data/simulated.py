@@ -88,12 +88,13 @@ def check_truth(law, truth: Mapping[str, float]) -> None:
 
 def _trial(simulator: Simulator, truth: dict[str, float], spec: Mapping[str, Any], k: int, rate_hz: float) -> Trial:
     mechanism, where = simulator.mechanism, f"data.trials[{k}]"
-    count = round(float(spec["duration"]) * rate_hz)
+    duration = spec.get("duration")
+    count = round(duration * rate_hz) if isinstance(duration, int | float) else 0
     if count < 10:
         raise UserError(
             "trial too short",
             where=f"{where}.duration",
-            received=f"{spec['duration']} s",
+            received=f"{duration} s",
             allowed=f"at least {10 / rate_hz:g} s (10 samples)",
             fix="lengthen it or raise data.rate_hz",
         )

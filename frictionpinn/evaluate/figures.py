@@ -29,7 +29,8 @@ def force_over_time(trial: ContactTrial, forces: Forces, force_unit: str, title:
     bottom.set(xlabel="time (s)", ylabel=f"error ({force_unit})")
     top.legend(loc="upper right", frameon=False, fontsize=9, ncols=1)
     low, high = float(reference.min()), float(reference.max())
-    top.set_ylim(low - 0.25 * (high - low), high + 0.6 * (high - low))
+    span = (high - low) or 1.0
+    top.set_ylim(low - 0.25 * span, high + 0.6 * span)
     return figure
 
 

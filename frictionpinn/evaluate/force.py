@@ -44,7 +44,7 @@ def force_errors(model: Predictor, trials: Sequence[ContactTrial], source: str =
     return {
         "mse": mse,
         "rmse": mse**0.5,
-        "relative": mse**0.5 / scale,
+        "relative": mse**0.5 / scale if scale > 0 else float("inf"),
         "reference_rms": scale,
         "reference": label,
         "by_trial": by_trial,

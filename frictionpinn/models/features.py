@@ -33,20 +33,12 @@ class Features:
     @classmethod
     def from_config(cls, inputs, windows) -> Features:
         """Check and build from plain configuration values (lists)."""
+        if isinstance(inputs, str) or not inputs:
+            raise UserError("no inputs", where="model.inputs", received=inputs, allowed=f"a list of {', '.join(ODD)}")
         table: dict[str, Window] = {}
         for name in inputs:
             choose(name, ODD, "model.inputs")
-            specs = tuple((int(w), int(n)) for w, n in windows.get(name, [[1, 0]]))
-            for w, n in specs:
-                if w < 1 or not 0 <= n < w:
-                    raise UserError(
-                        "impossible window",
-                        where=f"model.windows.{name}",
-                        received=[w, n],
-                        allowed="[samples >= 1, degree from 0 to samples - 1]",
-                        fix="lower the degree or lengthen the window",
-                    )
-            table[name] = specs
+            table[name] = tuple(_window(spec, name) for spec in windows.get(name, [[1, 0]]))
         return cls(tuple(inputs), table)
 
     @cached_property
@@ -66,6 +58,20 @@ class Features:
             local_polynomial(t, signals[name], w, degree) for name in self.inputs for w, degree in self.windows[name]
         ]
         return np.concatenate(columns, axis=1)
+
+
+def _window(spec, name: str) -> tuple[int, int]:
+    """(samples, degree) of a configured window, checked."""
+    numbers = [item for item in spec if isinstance(item, int)] if isinstance(spec, list | tuple) else []
+    if len(numbers) != 2 or numbers[0] < 1 or not 0 <= numbers[1] < numbers[0]:
+        raise UserError(
+            "impossible window",
+            where=f"model.windows.{name}",
+            received=spec,
+            allowed="a list of [samples >= 1, degree from 0 to samples - 1]",
+            fix="lower the degree or lengthen the window",
+        )
+    return numbers[0], numbers[1]
 
 
 def local_polynomial(t: np.ndarray, values: np.ndarray, window: int, degree: int) -> np.ndarray:

@@ -115,9 +115,13 @@ def build_optimizer(config: dict[str, Any], weights: list[nn.Parameter], physica
     lr = config["lr"]
     lr_physical = config.get("lr_physical") or lr
     for key, value in (("lr", lr), ("lr_physical", lr_physical)):
-        if not float(value) > 0:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
             raise UserError("step size must be positive", where=f"optimizer.{key}", received=value, allowed="above 0")
     groups: list[dict[str, Any]] = [{"params": weights, "lr": float(lr)}]
     if physical:
         groups.append({"params": physical, "lr": float(lr_physical)})
-    return make(groups, steps, config)
+    try:
+        return make(groups, steps, config)
+    except ValueError as error:
+        options = {key: value for key, value in config.items() if key != "name"}
+        raise UserError("impossible option", where="optimizer", received=options, fix=str(error)) from error

@@ -44,13 +44,23 @@ def build_system(cfg: Config) -> System:
 def build_noise(cfg: Config) -> Noise:
     """The noise that is added to a recording."""
     make = choose(cfg["name"], NOISE, "noise")
-    return make(**{key: value for key, value in cfg.items() if key != "name"})
+    return _make(make, {key: value for key, value in cfg.items() if key != "name"}, "noise")
 
 
 def build_smoothing(cfg: Config) -> tuple[Smoother, Smoother]:
     """The smoother for training and the causal one for online use."""
     offline, online = choose(cfg["name"], SMOOTHING, "smoothing")
-    return offline(**(cfg.get("offline") or {})), online(**(cfg.get("online") or {}))
+    makers = {"offline": offline, "online": online}
+    two_sided, causal = (_make(make, cfg.get(key) or {}, f"smoothing.{key}") for key, make in makers.items())
+    return two_sided, causal
+
+
+def _make(make: Callable[..., Any], options: Any, where: str) -> Any:
+    try:
+        return make(**options)
+    except TypeError as error:
+        fix = str(error).rpartition("__init__() ")[2]
+        raise UserError("options that do not fit", where=where, received=options, fix=fix) from error
 
 
 def check_pairing(cfg: Config) -> None:

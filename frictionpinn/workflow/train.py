@@ -162,7 +162,7 @@ def build_trainer(cfg: Config, folder: Path, validation: bool) -> L.Trainer:
         return L.Trainer(
             max_epochs=epochs,
             accelerator=options["accelerator"],
-            devices=options["devices"],
+            devices=1,  # one full batch: more devices would only repeat it
             logger=TensorBoardLogger(folder, name="", version="tensorboard"),
             callbacks=callbacks,
             log_every_n_steps=int(options["log_every_n_steps"]),
@@ -175,8 +175,8 @@ def build_trainer(cfg: Config, folder: Path, validation: bool) -> L.Trainer:
         raise UserError(
             "the trainer refuses its options",
             where="trainer",
-            received=f"accelerator={options['accelerator']}, devices={options['devices']}",
-            allowed="accelerator cpu, gpu or auto that this machine has",
+            received=f"accelerator={options['accelerator']}",
+            allowed="cpu, auto, or gpu where the machine has one",
             fix=str(error).splitlines()[0],
         ) from error
 

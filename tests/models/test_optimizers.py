@@ -97,9 +97,11 @@ def test_lbfgs_takes_over_after_its_share_of_adam():
     _, optimizer, step = bowl()
     for _ in range(5):
         step()
+    assert optimizer.active is optimizer.adam
     assert optimizer.adam.state and not optimizer.state[optimizer._params[0]]
     losses = [step() for _ in range(60)]
     assert optimizer.state[optimizer._params[0]]["n_iter"] > 0
+    assert optimizer.active is optimizer
     assert losses[-1] < 1e-3 * losses[0]
 
 

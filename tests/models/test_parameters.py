@@ -62,7 +62,7 @@ def test_tied_damping_follows_the_stiffness_and_is_not_trained():
         with torch.no_grad():
             law.raw["sigma_0"].add_(shift)
         values = law()
-        assert float(values["sigma_1"]) == pytest.approx(float(values["sigma_0"]) ** 0.5, rel=1e-6)
+        assert values["sigma_1"].item() == pytest.approx(values["sigma_0"].item() ** 0.5, rel=1e-6)
     assert list(values) == [par.name for par in LAWS["lugre"].parameters]
 
 
@@ -82,7 +82,8 @@ def test_a_start_on_its_bound_can_still_move():
     ("options", "message"),
     [
         ({"start": {**START, "mu_s": 0.15}}, "static below Coulomb.*friction.start.mu_s is 0.15; .*mu_c = 0.2"),
-        ({"start": {**START, "mu_c": -0.1}}, "friction.start.mu_c is -0.1; allowed: 0.05 to 0.5"),
+        ({"start": {**START, "mu_c": -0.1}}, "friction.start.mu_c is -0.1; allowed: above 0"),
+        ({"start": {**START, "mu_c": 0.01}}, "friction.start.mu_c is 0.01; allowed: 0.05 to 0.5"),
         ({"start": {**START, "sigma_3": 1.0}}, "friction.start.sigma_3 is 1.0; allowed: sigma_0"),
         ({"start": {**START, "sigma_0": 1e9}}, "friction.start.sigma_0 is 1000000000.0; allowed: 1000 to 1e"),
         ({"bounds": {**BOUNDS, "mu_c": (0.5, 0.1)}}, r"impossible bounds: friction.bounds.mu_c is \[0.5, 0.1\]"),

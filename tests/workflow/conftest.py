@@ -24,6 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 TRUTH = {"sigma_0": 1e5, "sigma_1": 316.23, "sigma_2": 0.4, "mu_c": 0.3, "mu_s": 0.6, "v_s": 1e-3}
 SMALL = ["trainer.threads=1", "trainer.progress_bar=false", "model.network.width=16", "trainer.accelerator=cpu"]
 SHORT = ["data.trials=[{duration: 1.0, theta: '50*deg*sin(2*pi*t)'}, {duration: 0.5, theta: '60*deg*sin(2*pi*t)'}]"]
+COARSE = ["data.rate_hz=100"]
 SHORT += ["data.held_out=[2]", "data.rate_hz=200"]
 
 
@@ -55,7 +56,8 @@ def check(configure) -> Callable[..., None]:
 
     def run(folder: Path, *overrides: str) -> None:
         cli.check_command_line(ROOT / "conf", "train", list(overrides))
-        train(configure(*SMALL, "trainer.max_epochs=1", *overrides), folder)
+        coarse = [] if any(item.startswith(("data=", "data.rate_hz", "data.trials")) for item in overrides) else COARSE
+        train(configure(*SMALL, "trainer.max_epochs=1", *coarse, *overrides), folder)
 
     return run
 

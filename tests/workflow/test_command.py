@@ -50,7 +50,6 @@ def test_a_sweep_trains_every_job_and_a_bad_one_does_not_stop_the_others(command
     ("case", "overrides"),
     [
         ("did you mean 'pe2'", ["model=pe22"]),
-        ("out of its physical range", ["system.parameters.m_b=-0.5"]),
         ("unreadable checkpoint", ["ckpt_path=cut.ckpt", "data.rate_hz=100"]),
     ],
 )

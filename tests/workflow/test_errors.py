@@ -63,8 +63,8 @@ COLUMNS = {
     ),
     "wrong dimension": ("data.units={default: SI, x: kg}", r"wrong dimension: .*units.x is 'kg'; allowed: m, cm, mm"),
     "missing unit": (
-        "data.units={t: s, x: m, v: m/s, a: m/s^2, theta: rad}",
-        r"missing unit: units.omega; allowed: the unit of its column",
+        "data.units={t: s, x: m, v: m/s}",
+        r"missing unit: units.a; allowed: the unit of its column",
     ),
     "unit of no signal": ("data.units={xx: mm}", r"unknown signal: units is 'xx'"),
     "unknown held-out trial": ("data.held_out=[3]", r"no such trial: data.held_out is 3; allowed: 1, 2"),

@@ -1,0 +1,57 @@
+"""Figures: axes with units, the model and the baseline beside the reference, errors below."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+
+from frictionpinn.data.contact import ContactTrial
+from frictionpinn.evaluate.figures import force_over_time, force_over_velocity
+
+
+@pytest.fixture(params=["true", "implied"])
+def trial(request) -> ContactTrial:
+    t = np.linspace(0, 1, 50)
+    signals = {"v_slip": np.sin(t), "friction_force": np.sign(np.sin(7 * t)) * 3}
+    truth = {"friction_force": signals["friction_force"]} if request.param == "true" else {}
+    return ContactTrial("1", t, signals, signals, {}, truth)
+
+
+def texts(axes) -> str:
+    return " ".join([axes.get_xlabel(), axes.get_ylabel(), axes.get_title()])
+
+
+def drawn(figure) -> bytes:
+    file = io.BytesIO()
+    figure.savefig(file, format="png")
+    return file.getvalue()
+
+
+def test_force_over_time_shows_both_models_the_reference_and_the_errors(trial):
+    force = trial.offline["friction_force"]
+    figure = force_over_time(trial, {"model": force + 0.5, "fit": force - 1}, "N m", "a title")
+    top, bottom = figure.axes
+    assert "friction force (N m)" in texts(top) and "a title" in texts(top)
+    assert "time (s)" in texts(bottom) and "error (N m)" in texts(bottom)
+    labels = [text.get_text() for text in top.get_legend().get_texts()]
+    assert labels[1:] == ["model", "fit"] and "friction force" in labels[0]
+    np.testing.assert_allclose(bottom.lines[0].get_ydata(), 0.5)
+    low, high = top.get_ylim()
+    assert low < force.min() and high > force.max()
+    assert drawn(figure).startswith(b"\x89PNG")
+
+
+def test_force_over_velocity_has_every_sample_of_every_trial(trial):
+    force = trial.offline["friction_force"]
+    figure = force_over_velocity([trial, trial], {"model": [force, force]}, ("N", "m/s"), "a title")
+    (axes,) = figure.axes
+    assert "slip velocity (m/s)" in texts(axes) and "friction force (N)" in texts(axes)
+    assert [len(line.get_xdata()) for line in axes.lines] == [100, 100]
+    assert drawn(figure).startswith(b"\x89PNG")
+
+
+def test_a_force_that_never_changes_can_be_drawn(trial):
+    flat = ContactTrial("1", trial.t, {**trial.offline, "friction_force": np.zeros(50)}, {}, {}, {})
+    assert drawn(force_over_time(flat, {"model": np.zeros(50)}, "N", "flat"))
