@@ -38,8 +38,8 @@ def split_trials(
     Raises:
         UserError: a name that no trial has, one trial in two splits, nothing left to train on.
     """
-    held = [names[-1]] if held_out is None and len(names) > 1 else [str(name) for name in held_out or ()]
-    valid = [str(name) for name in validation or ()]
+    held = [names[-1]] if held_out is None and len(names) > 1 else _names(held_out)
+    valid = _names(validation)
     for key, chosen in (("held_out", held), ("validation", valid)):
         for name in chosen:
             if name not in names:
@@ -60,6 +60,12 @@ def split_trials(
             fix=f"the recording has the trials {', '.join(names)}",
         )
     return {"train": train, "validation": valid, "held_out": held}
+
+
+def _names(chosen: Any) -> list[str]:
+    """Names as text; one name alone counts as a list of one."""
+    chosen = [chosen] if isinstance(chosen, str | int | float) else chosen or ()
+    return [str(name) for name in chosen]
 
 
 class TrajectoryData(L.LightningDataModule):

@@ -45,6 +45,9 @@ def simulate_recording(
     check_truth(law, truth)
     mechanism = Mechanism(system, law)
     simulator = Simulator(mechanism)
+    if not trials or not all(isinstance(trial, Mapping) for trial in trials):
+        allowed = "a list of tables such as [{duration: 2.0, theta: 'sin(t)'}]"
+        raise UserError("no trials to simulate", where="data.trials", received=trials, allowed=allowed)
     result = [_trial(simulator, dict(truth), trial, k, rate_hz) for k, trial in enumerate(trials)]
     digest = hashlib.sha256()
     for trial in result:

@@ -116,7 +116,9 @@ def build_optimizer(config: dict[str, Any], weights: list[nn.Parameter], physica
     lr_physical = config.get("lr_physical") or lr
     for key, value in (("lr", lr), ("lr_physical", lr_physical)):
         if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
-            raise UserError("step size must be positive", where=f"optimizer.{key}", received=value, allowed="above 0")
+            raise UserError(
+                "step size must be positive", where=f"optimizer.{key}", received=repr(value), allowed="above 0"
+            )
     groups: list[dict[str, Any]] = [{"params": weights, "lr": float(lr)}]
     if physical:
         groups.append({"params": physical, "lr": float(lr_physical)})

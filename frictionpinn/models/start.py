@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..data.contact import ContactTrial
+from ..errors import UserError
 from ..physics import FrictionLaw
 
 DECADES = 2.0  # half-width of a default search range: two decades to either side of the start
@@ -74,21 +75,35 @@ def default_start(law: FrictionLaw, scales: Mapping[str, float]) -> dict[str, fl
     return {par.name: float(table[par.name]) for par in law.parameters if par.value is None}
 
 
+def _number(value: object, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise UserError("not a number", where=where, received=repr(value), allowed="a number in SI units, or null")
+    return float(value)
+
+
+def _pair(value: object, where: str) -> tuple[float, float] | None:
+    if value is None:
+        return None
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
+        raise UserError("impossible bounds", where=where, received=repr(value), allowed="[low, high], or null")
+    return _number(value[0], where), _number(value[1], where)
+
+
 def complete(
     law: FrictionLaw, given: Mapping[str, float | None], bounds: Mapping[str, Sequence[float] | None], scales: Mapping
 ) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
     """Merge configured start values and bounds (None: from the data) with the defaults."""
     start = default_start(law, scales)
     unknown = {name: value for name, value in given.items() if name not in start}
-    start |= {name: float(value) for name, value in given.items() if value is not None}
+    start |= {name: _number(value, f"friction.start.{name}") for name, value in given.items() if value is not None}
     limits: dict[str, tuple[float, float]] = {}
     for par in law.parameters:
         if par.name not in start:
             continue
-        chosen = bounds.get(par.name)
+        chosen = _pair(bounds.get(par.name), f"friction.bounds.{par.name}")
         around = (start[par.name] / 10**DECADES, start[par.name] * 10**DECADES)
         if par.name in ("mu_c", "mu_s"):  # friction coefficients are known within a decade
             around = (start[par.name] / 10, start[par.name] * 10)
-        limits[par.name] = (float(chosen[0]), float(chosen[1])) if chosen is not None else around
+        limits[par.name] = chosen or around
     limits |= {name: (float(pair[0]), float(pair[1])) for name, pair in bounds.items() if pair and name not in limits}
     return {**start, **{name: value for name, value in unknown.items() if value is not None}}, limits

@@ -66,8 +66,10 @@ def _check_choice(config_folder: Path, override: Override) -> None:
     if override.key_or_group.startswith("hydra") or not group.is_dir():
         return
     valid = sorted(path.stem for path in group.glob("*.yaml"))
+    if override.is_delete():
+        raise UserError("cannot be left out", where=override.key_or_group, allowed=", ".join(valid))
     for value in _values(override):
-        if value is not None and str(value) not in valid:
+        if str(value) not in valid and not (value is None and override.key_or_group == "experiment"):
             raise UserError(
                 "unknown option",
                 where=override.key_or_group,
@@ -112,6 +114,10 @@ def _check_types(default: DictConfig, config: DictConfig, overrides: list[str]) 
         key = override.partition("=")[0].lstrip("+~")
         before, after = OmegaConf.select(default, key), OmegaConf.select(config, key)
         number = isinstance(before, int | float) and not isinstance(before, bool)
+        if OmegaConf.is_config(before) and after is not None and type(before) is not type(after):
+            kind = "list" if OmegaConf.is_list(before) else "table"
+            example = "[1, 2]" if kind == "list" else "{key: value}"
+            raise UserError(f"not a {kind}", where=key, received=repr(after), allowed=f"a {kind} such as {example}")
         wrong = number and (isinstance(after, bool) or not isinstance(after, int | float | None))
         if wrong or (isinstance(before, bool) and not isinstance(after, bool)):
             raise UserError(
@@ -138,8 +144,9 @@ def _explain(error: Exception, config_folder: Path, config_name: str, choices: l
         parent = key.rpartition(".")[0]
         while parent and parent not in keys:
             parent = parent.rpartition(".")[0]
-        if isinstance(keys.get(parent), str) and keys[parent].startswith("${"):
-            source = keys[parent].strip("${}")
+        written = keys.get(parent)
+        if isinstance(written, str) and written.startswith("${"):
+            source = written.strip("${}")
             return UserError(
                 "set where it is written",
                 where="command line",

@@ -41,7 +41,7 @@ def train(cfg: Config, folder: Path) -> dict[str, Any]:
     """
     begin = time.perf_counter()
     quiet()
-    torch.set_num_threads(int(cfg["trainer"].get("threads") or torch.get_num_threads()))
+    torch.set_num_threads(max(int(cfg["trainer"].get("threads") or torch.get_num_threads()), 1))
     L.seed_everything(seed_of(cfg), workers=False, verbose=False)
     check_pairing(cfg)
     system = build_system(cfg["system"])
@@ -133,6 +133,9 @@ def build_trainer(cfg: Config, folder: Path, validation: bool) -> L.Trainer:
     epochs = int(options["max_epochs"])
     if epochs < 1:
         raise UserError("nothing to train", where="trainer.max_epochs", received=epochs, allowed="at least 1")
+    for key in ("checkpoint_every_n_epochs", "log_every_n_steps"):
+        if int(options[key]) < 1:
+            raise UserError("impossible interval", where=f"trainer.{key}", received=options[key], allowed="at least 1")
     every = min(int(options["checkpoint_every_n_epochs"]), epochs)
     monitor = "loss/validation" if validation else "loss/training"
     checkpoint = ModelCheckpoint(
