@@ -49,6 +49,9 @@ def simulate_recording(
         allowed = "a list of tables such as [{duration: 2.0, theta: 'sin(t)'}]"
         raise UserError("no trials to simulate", where="data.trials", received=trials, allowed=allowed)
     result = [_trial(simulator, dict(truth), trial, k, rate_hz) for k, trial in enumerate(trials)]
+    names = [trial.name for trial in result]
+    if len(set(names)) < len(names):
+        raise UserError("two trials of one name", where="data.trials", received=", ".join(names), fix="name each once")
     digest = hashlib.sha256()
     for trial in result:
         for name in sorted(trial.signals):
@@ -104,7 +107,7 @@ def _trial(simulator: Simulator, truth: dict[str, float], spec: Mapping[str, Any
     t = np.arange(count) / rate_hz
     driven = [c.signals[0] for c in mechanism.driven]
     inputs = [item.name for item in mechanism.system.inputs]
-    constants = {key: float(value) for key, value in spec.get("constants", {}).items()}
+    constants = _numbers(spec.get("constants", {}), f"{where}.constants")
     expressions = {}
     for name, text in spec.items():
         if name in _OWN_KEYS:
@@ -118,7 +121,7 @@ def _trial(simulator: Simulator, truth: dict[str, float], spec: Mapping[str, Any
                 fix=nearest(name, driven + inputs) or "use one of the allowed names",
             )
         expressions[name] = parse_expression(str(text), f"{where}.{name}", constants)
-    initial = {key: float(value) for key, value in spec.get("initial", {}).items()}
+    initial = _numbers(spec.get("initial", {}), f"{where}.initial")
     path = InputPath.from_expressions(mechanism, t, expressions)
     run = simulator.simulate(t, path, truth, initial, z0="steady")
     unused = {name for name in inputs if name not in expressions}
@@ -133,3 +136,13 @@ def _trial(simulator: Simulator, truth: dict[str, float], spec: Mapping[str, Any
     if mechanism.system.massless:  # the measured force of a test bench is the friction force
         signals[inputs[0]] = run.F
     return Trial(str(spec.get("name", k + 1)), t, signals, truth_signals)
+
+
+def _numbers(table: Any, where: str) -> dict[str, float]:
+    try:
+        return {key: float(value) for key, value in table.items()}
+    except (AttributeError, TypeError, ValueError):
+        fix = "write {name: number, ...}"
+        raise UserError(
+            "not a table of numbers", where=where, received=repr(table), allowed="numbers", fix=fix
+        ) from None

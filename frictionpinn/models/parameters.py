@@ -76,6 +76,14 @@ def _inverse(value: float, low: Tensor, high: Tensor) -> Tensor:
 
 def _check(law: FrictionLaw, start: Mapping, bounds: Mapping, fixed: Mapping) -> None:
     names = [par.name for par in law.parameters]
+    if all(name in fixed for name in names):
+        raise UserError(
+            "no parameter left to estimate",
+            where="friction.fixed",
+            received=", ".join(names),
+            allowed="at least one parameter that is not fixed",
+            fix="set one of them to null",
+        )
     for table, where in ((start, "start"), (bounds, "bounds"), (fixed, "fixed")):
         for name in table:
             if name not in names:

@@ -85,12 +85,17 @@ def build_recording(cfg: Config, system: System) -> Recording:
     return load_public(cfg["name"], **(cfg.get("options") or {}))
 
 
+def _paths(given: Any) -> list[str]:
+    """Paths as text, one or several."""
+    return [str(item) for item in given] if isinstance(given, list) else [str(given)]
+
+
 def _from_files(cfg: Config, system: System) -> Recording:
     from ..data.tables import columns_of
 
     known = system.signal_units
     trial_column = cfg.get("trial_column")
-    present = columns_of(cfg["path"])
+    present = columns_of(_paths(cfg["path"])[0])
     columns = cfg.get("columns")
     if columns is None:
         columns = {name: name for name in known if name in present}
@@ -102,7 +107,7 @@ def _from_files(cfg: Config, system: System) -> Recording:
         choose(unknown[0], known, "data.columns")
     _require_motion(columns, system)
     return read_recording(
-        cfg["path"],
+        _paths(cfg["path"]),
         columns=columns,
         units=cfg.get("units") or {"default": "SI"},
         signal_units=known,
@@ -168,5 +173,8 @@ def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionMo
     law = choose(friction["name"], LAWS, "friction")()
     start, bounds = complete(law, friction.get("start") or {}, friction.get("bounds") or {}, scales)
     plain = {"name": law.name, "start": start, "bounds": {key: list(value) for key, value in bounds.items()}}
-    plain |= {"fixed": dict(friction.get("fixed") or {}), "tie_sigma1": bool(friction.get("tie_sigma1", False))}
+    plain |= {
+        "fixed": {key: value for key, value in (friction.get("fixed") or {}).items() if value is not None},
+        "tie_sigma1": bool(friction.get("tie_sigma1", False)),
+    }
     return kind(**common, law=plain, bristle=model.get("bristle", "load"))

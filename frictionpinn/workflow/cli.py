@@ -118,6 +118,9 @@ def _check_types(default: DictConfig, config: DictConfig, overrides: list[str]) 
             kind = "list" if OmegaConf.is_list(before) else "table"
             example = "[1, 2]" if kind == "list" else "{key: value}"
             raise UserError(f"not a {kind}", where=key, received=repr(after), allowed=f"a {kind} such as {example}")
+        whole = isinstance(before, int) and re.search(r"epochs|steps|seed|patience|width|depth|bits|size|iter", key)
+        if whole and isinstance(after, float) and not after.is_integer():
+            raise UserError("not a whole number", where=key, received=after, allowed=f"a whole number such as {before}")
         wrong = number and (isinstance(after, bool) or not isinstance(after, int | float | None))
         if wrong or (isinstance(before, bool) and not isinstance(after, bool)):
             raise UserError(
