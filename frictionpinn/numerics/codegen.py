@@ -16,6 +16,7 @@ from types import ModuleType
 import numba
 import pooch
 import sympy as sp
+from numba.core.types.function_type import CompileResultWAP
 from sympy.printing.pycode import PythonCodePrinter
 
 from ..physics import CONTACT
@@ -112,11 +113,27 @@ def _load(stem: str, source) -> ModuleType:
     return module
 
 
+class Pointer:
+    """A compiled kernel as an address: numba finds type and address of a function anew each time, 50 us a call."""
+
+    def __init__(self, function):
+        compiled = CompileResultWAP(function.get_compile_result(function.nopython_signatures[0]))
+        self._numba_type_ = numba.types.FunctionType(compiled.signature())
+        self.compiled, self.address = compiled, compiled.__wrapper_address__()
+
+    def __wrapper_address__(self) -> int:
+        return self.address
+
+
+pointer = lru_cache(maxsize=None)(Pointer)
+
+
 @dataclass(frozen=True)
 class Kernels:
     """Compiled functions of one mechanism, each ``f(s, w, u, p, out)`` on contiguous float64 vectors.
 
-    State s = (q, v, z) of sizes (n_free, n_free, memory), unknown w = (a, z'), inputs u and parameters p as in
+    State s = (q, v, states of effects, z) of sizes (n_free, n_free, states, memory), unknown w = (a, rates of those
+    states, z'), inputs u (with the time last, where it enters the equations) and parameters p as in
     :class:`Mechanism`. ``out`` is flat and row-major; entries that are identically zero are not written, so hand
     over zeros.
 
@@ -134,10 +151,12 @@ class Kernels:
     def symbols(self) -> tuple[list[sp.Symbol], ...]:
         """Symbols of s, w, u and p."""
         m = self.mechanism
-        memory = [CONTACT.z] if m.law.memory else []
+        memory = [state.symbol for state in m.states] + ([CONTACT.z] if m.memory else [])
+        rates = [state.rate for state in m.states] + ([CONTACT.zdot] if m.memory else [])
         state = [c.symbols[0] for c in m.free] + [c.symbols[1] for c in m.free] + memory
-        unknown = [c.symbols[2] for c in m.free] + ([CONTACT.zdot] if memory else [])
-        return state, unknown, list(m.inputs), [par.symbol for par in m.parameters]
+        unknown = [c.symbols[2] for c in m.free] + rates
+        inputs = [*m.inputs, *([m.time] if m.timed else [])]
+        return state, unknown, inputs, [par.symbol for par in m.parameters]
 
     @cached_property
     def sizes(self) -> tuple[int, int, int, int]:
@@ -155,7 +174,7 @@ class Kernels:
     @cached_property
     def _outputs(self) -> list[sp.Expr]:
         m = self.mechanism
-        return [sp.sympify(m.system.v_slip), sp.sympify(m.system.N), m.friction]
+        return [sp.sympify(m.contact[CONTACT.v]), sp.sympify(m.contact[CONTACT.N]), m.friction]
 
     @cached_property
     def key(self) -> str:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bristle import steady_bristle
-from .codegen import Kernels
-from .paths import InputPath
+from .bristle import resting_states, steady_bristle
+from .codegen import Kernels, pointer
+from .paths import Directions, InputPath
 from .simulation import Steps
 from .tableau import METHOD
 
@@ -21,13 +21,13 @@ class Wanted:
         names: in order, the directions last.
         columns: index of the parameter that each is, or -1, shape (n_sens,).
         states: index of the initial state that each is, or -1, shape (n_sens,).
-        directions: derivatives of the input path, for the last entries.
+        directions: derivatives of the input path, for the last entries (there in the order of their support).
     """
 
     names: tuple[str, ...]
     columns: np.ndarray
     states: np.ndarray
-    directions: tuple[InputPath, ...]
+    directions: Directions
 
 
 def differentiate(
@@ -48,25 +48,40 @@ def differentiate(
     from . import sensitivity  # compiles on a new installation: not before it is needed
 
     mechanism, m, n = kernels.mechanism, len(kernels.mechanism.free), len(path.t)
-    n_s, n_w, n_u, _ = kernels.sizes
-    bundle = np.zeros((len(wanted.directions), n - 1, n_u, path.coefficients.shape[2]))
-    dinputs = np.zeros((len(wanted.directions), n, n_u))
-    for j, direction in enumerate(wanted.directions):
-        bundle[j], dinputs[j] = direction.coefficients, direction.samples
+    n_s, n_w, _, _ = kernels.sizes
+    given = wanted.directions
     ds, dw = np.zeros((n, n_s, len(wanted.names))), np.zeros((n, n_w, len(wanted.names)))
     if n_w:
         start = start_sensitivity(kernels, path.coefficients[0, :, 0], p, states[0], wanted, steady)
         ds, dw = sensitivity.propagate(
-            kernels.sensitivity.parameters, METHOD.a, METHOD.c, path.t, path.coefficients, p, m, states[0], unknowns[0],
-            start, wanted.columns, bundle, steps.interval, steps.size, steps.unknowns,
-        )  # fmt: skip
-    kernel = kernels.sensitivity.output_derivatives
+            pointer(kernels.sensitivity.parameters),
+            METHOD.a,
+            METHOD.c,
+            path.t,
+            path.coefficients,
+            p,
+            m,
+            states[0],
+            unknowns[0],
+            start,
+            wanted.columns,
+            given.coefficients,
+            given.support,
+            steps.interval,
+            steps.size,
+            steps.unknowns,
+        )
+    kernel = pointer(kernels.sensitivity.output_derivatives)
     outputs = sensitivity.output_sensitivities(
-        kernel, states, unknowns, path.samples, p, ds, dw, wanted.columns, dinputs, 3
+        kernel, states, unknowns, path.samples, p, ds, dw, wanted.columns, given.samples, given.support, 3
     )
+    if not np.array_equal(given.order, np.arange(len(given.order))):
+        first = len(wanted.names) - len(given)
+        as_given = np.concatenate([np.arange(first), first + given.order])
+        ds, dw, outputs = ds[:, :, as_given], dw[:, :, as_given], outputs[:, :, as_given]
     result = dict(zip(("v_slip", "N", "F"), np.moveaxis(outputs, 1, 0), strict=True))
     zero = np.zeros((n, len(wanted.names)))
-    result["z"], result["zdot"] = (ds[:, -1], dw[:, -1]) if mechanism.law.memory else (zero, zero)
+    result["z"], result["zdot"] = (ds[:, -1], dw[:, -1]) if mechanism.memory else (zero, zero)
     for j, coordinate in enumerate(mechanism.free):
         result.update(zip(coordinate.signals, (ds[:, j], ds[:, m + j], dw[:, j]), strict=True))
     return result
@@ -77,27 +92,39 @@ def start_sensitivity(
 ) -> np.ndarray:
     """Derivative of the initial state, shape (n_s, n_sens).
 
-    That of a steady bristle is a central difference of its formula; at rest it jumps with the direction of slip, and
-    its derivative in an initial velocity is left at 0.
+    That of a steady bristle, and of the states of effects, is a central difference of its formula; at rest the bristle
+    jumps with the direction of slip, and its derivative in an initial velocity is left at 0.
     """
     result = np.zeros((len(start), len(wanted.names)))
     for c, state in enumerate(wanted.states):
         if state >= 0:
             result[state, c] = 1.0
-    if not steady or not kernels.mechanism.law.memory:
+    moving = set(range(2 * len(kernels.mechanism.free), len(start)))
+    if kernels.mechanism.memory and not steady:
+        moving.discard(len(start) - 1)
+    if not moving:
         return result
+    rows = sorted(moving)
     first = len(wanted.names) - len(wanted.directions)
     for c in range(len(wanted.names)):
         base = (start, u, p)
         if c >= first:
-            change, which = wanted.directions[c - first].coefficients[0, :, 0], 1
+            change, which = wanted.directions.coefficients[c - first, 0, :, 0], 1
             size = 1e-6 / max(float(np.abs(change).max()), 1e-12)
         else:
             which, index = (2, wanted.columns[c]) if wanted.columns[c] >= 0 else (0, wanted.states[c])
             change = np.eye(len(base[which]))[index]
-            size = 1e-6 * abs(base[which][index])
-        if size > 0 and not (which == 0 and index == len(start) - 1):
+            size = 1e-6 * (abs(base[which][index]) or 1e-2 * (which == 2))
+        if size > 0 and not (which == 0 and index in moving):
             shifted = [[x + sign * size * change if i == which else x for i, x in enumerate(base)] for sign in (1, -1)]
-            above, below = (steady_bristle(kernels, *values) for values in shifted)
-            result[-1, c] = (above - below) / (2 * size)
+            above, below = (_settled(kernels, *values, steady=steady) for values in shifted)
+            result[rows, c] += ((above - below) / (2 * size))[rows]
     return result
+
+
+def _settled(kernels: Kernels, start: np.ndarray, u: np.ndarray, p: np.ndarray, *, steady: bool) -> np.ndarray:
+    """The initial state with what is not given where it settles."""
+    state = resting_states(kernels, start, u, p).copy()
+    if steady and kernels.mechanism.memory:
+        state[-1] = steady_bristle(kernels, state, u, p)
+    return state

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -159,6 +159,52 @@ class InputPath:
         """u at one time, shape (n_u,)."""
         k = int(np.clip(np.searchsorted(self.t, time, side="right") - 1, 0, len(self.t) - 2))
         return self.coefficients[k] @ (time - self.t[k]) ** np.arange(DEGREE + 1)
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Derivatives of an input path with respect to quantities of the caller's, made ready once for many simulations.
+
+    Attributes:
+        paths: name -> derivative, as given.
+        coefficients: as of the path, shape (n_d, n - 1, n_u, 6), by the interval where each first acts.
+        samples: shape (n_d, n, n_u), in the same order.
+        support: first and last interval in which each acts, shape (n_d, 2), in the same order.
+        order: place of each name among these, shape (n_d,).
+    """
+
+    paths: Mapping[str, InputPath]
+    coefficients: np.ndarray
+    samples: np.ndarray
+    support: np.ndarray
+    order: np.ndarray
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.paths)
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    @classmethod
+    def of(cls, paths: Mapping[str, InputPath], shape: tuple[int, ...]) -> Directions:
+        """Stack paths whose coefficients have that shape, (n - 1, n_u, 6).
+
+        Raises:
+            UserError: a path of another shape.
+        """
+        for name, path in paths.items():
+            if path.coefficients.shape != tuple(shape):
+                raise UserError("direction on other times than the path", where=f"directions.{name}")
+        coefficients = np.zeros((len(paths), *shape))
+        samples = np.zeros((len(paths), shape[0] + 1, shape[1]))
+        for j, path in enumerate(paths.values()):
+            coefficients[j], samples[j] = path.coefficients, path.samples
+        acts = (coefficients != 0).any(axis=(2, 3))
+        first = np.where(acts.any(axis=1), acts.argmax(axis=1), shape[0])
+        last = np.where(acts.any(axis=1), shape[0] - 1 - acts[:, ::-1].argmax(axis=1), -1)
+        place = np.argsort(first, kind="stable")
+        support = np.stack([first, last], axis=1)[place].astype(np.int64)
+        return cls(dict(paths), coefficients[place], samples[place], support, np.argsort(place))
 
 
 def _checked_times(t: np.ndarray) -> np.ndarray:

@@ -15,27 +15,32 @@ from numba import njit, types
 from .integrator import F1, F2, F3, INLINED, KERNEL, OPTIONS, evaluate, factorize, gather, newton_matrix, place
 
 F4 = types.float64[:, :, :, ::1]
-I1 = types.int64[::1]
+I1, I2 = types.int64[::1], types.int64[:, ::1]
 
 
 @njit(**INLINED)
-def known_part(out, m, hg, columns, n_p, directions, k, offset, known, du, rhs):
-    """Write -(R_s S_known + R_p + R_u du/dc), what the stage's own unknowns do not enter, into rhs (n_w, n_c)."""
-    n_s, n_w, n_c, n_u = known.shape[0], rhs.shape[0], rhs.shape[1], du.shape[0]
+def known_part(out, m, hg, columns, n_p, directions, support, active, k, offset, known, du, rhs):
+    """Write -(R_s S_known + R_p + R_u du/dc), what the stage's own unknowns do not enter, into rhs (n_w, n_c).
+
+    Only the first ``active`` columns: the others act later.
+    """
+    n_s, n_w, n_u = known.shape[0], rhs.shape[0], du.shape[0]
     by_p = n_w + n_w * (n_s + n_w) + 1
     by_u = by_p + n_w * n_p
     for i in range(n_w):
-        for c in range(n_c):
+        for c in range(active):
             rhs[i, c] = -out[by_p + i * n_p + columns[c]] if columns[c] >= 0 else 0.0
         for d in range(n_s):
             value = out[n_w + i * n_s + d]
             if d >= m and d < 2 * m:
                 value += hg * out[n_w + i * n_s + d - m]
             if value != 0.0:
-                for c in range(n_c):
+                for c in range(active):
                     rhs[i, c] -= value * known[d, c]
-    first = n_c - directions.shape[0]
-    for j in range(directions.shape[0]):
+    first = columns.shape[0] - directions.shape[0]
+    for j in range(active - first):
+        if support[j, 1] < k:
+            continue
         evaluate(directions[j], k, offset, du)
         for i in range(n_w):
             for d in range(n_u):
@@ -43,9 +48,9 @@ def known_part(out, m, hg, columns, n_p, directions, k, offset, known, du, rhs):
 
 
 @njit(**INLINED)
-def solve_rows(matrix, pivots, b):
-    """Solve in place for all columns of b, given the LU factors."""
-    n, n_c = b.shape
+def solve_rows(matrix, pivots, n_c, b):
+    """Solve in place for the first n_c columns of b, given the LU factors."""
+    n = b.shape[0]
     for j in range(n):
         if pivots[j] != j:
             for c in range(n_c):
@@ -62,10 +67,12 @@ def solve_rows(matrix, pivots, b):
 
 
 @njit(**INLINED)
-def gather_rows(a, i, h, start, stages_v, stages_w, known):
+def gather_rows(a, i, h, n_c, start, stages_v, stages_w, known):
     """As ``gather``, for the sensitivities: stages_v (stages, m, n_c), stages_w (stages, n_w, n_c)."""
-    m, n_c = stages_v.shape[1], start.shape[1]
-    known[:] = start
+    m = stages_v.shape[1]
+    for d in range(start.shape[0]):
+        for c in range(n_c):
+            known[d, c] = start[d, c]
     for j in range(i):
         ha = h * a[i, j]
         for d in range(m):
@@ -77,9 +84,8 @@ def gather_rows(a, i, h, start, stages_v, stages_w, known):
 
 
 @njit(**INLINED)
-def place_rows(known, w, hg, m, result):
+def place_rows(known, w, hg, m, n_c, result):
     """As ``place``, for the sensitivities: result, known (n_s, n_c), w (n_w, n_c)."""
-    n_c = known.shape[1]
     for j in range(m):
         for c in range(n_c):
             result[m + j, c] = known[m + j, c] + hg * w[j, c]
@@ -90,12 +96,13 @@ def place_rows(known, w, hg, m, result):
 
 
 @njit(
-    types.Tuple((F3, F3))(KERNEL, F2, F1, F1, F3, F1, types.int64, F1, F1, F2, I1, F4, I1, F2, F3),
+    types.Tuple((F3, F3))(KERNEL, F2, F1, F1, F3, F1, types.int64, F1, F1, F2, I1, F4, I2, I1, F2, F3),
     **OPTIONS,
 )  # fmt: skip
 def propagate(
-    kernel, a, c, t, coefficients, p, m, s_start, w_start, start, columns, directions, record_k, record_h, record_w
-):
+    kernel, a, c, t, coefficients, p, m, s_start, w_start, start, columns, directions, support, record_k, record_h,
+    record_w,
+):  # fmt: skip
     """Sensitivities at the samples: ds/dc (n, n_s, n_c) and dw/dc (n, n_w, n_c).
 
     Args:
@@ -103,6 +110,7 @@ def propagate(
         start: ds/dc there, shape (n_s, n_c).
         columns: index of the parameter that each c is, or -1.
         directions: du/dc for the last entries of c, shape (n_directions, n - 1, n_u, 6), as path coefficients.
+        support: first and last interval in which each direction acts, shape (n_directions, 2), the first increasing.
         record_k, record_h, record_w: the steps that ``integrate`` recorded.
     """
     n, n_s, n_c, n_w, stages = t.shape[0], start.shape[0], start.shape[1], w_start.shape[0], a.shape[0]
@@ -118,11 +126,18 @@ def propagate(
     kernel(s, w_start, u, p, out)
     newton_matrix(out, m, n_w, 0.0, matrix)
     factorize(matrix, pivots)
-    known_part(out, m, 0.0, columns, n_p, directions, 0, 0.0, ds, du, rhs)
-    solve_rows(matrix, pivots, rhs)
+    first = n_c - directions.shape[0]
+    active = first
+    while active < n_c and support[active - first, 0] <= 0:
+        active += 1
+    rhs[:] = 0.0
+    known_part(out, m, 0.0, columns, n_p, directions, support, active, 0, 0.0, ds, du, rhs)
+    solve_rows(matrix, pivots, active, rhs)
     states[0], unknowns[0] = ds, rhs
     for index in range(record_k.shape[0]):
         k, offset, h = record_k[index], record_h[index, 0], record_h[index, 1]
+        while active < n_c and support[active - first, 0] <= k:
+            active += 1
         stages_w[:] = record_w[index]
         stages_v[0] = s0[m : 2 * m]
         dstages_v[0] = ds0[m : 2 * m]
@@ -135,10 +150,10 @@ def propagate(
             kernel(s, stages_w[i], u, p, out)
             newton_matrix(out, m, n_w, hg, matrix)
             factorize(matrix, pivots)
-            gather_rows(a, i, h, ds0, dstages_v, dstages_w, dknown)
-            known_part(out, m, hg, columns, n_p, directions, k, offset + c[i] * h, dknown, du, rhs)
-            solve_rows(matrix, pivots, rhs)
-            place_rows(dknown, rhs, hg, m, ds)
+            gather_rows(a, i, h, active, ds0, dstages_v, dstages_w, dknown)
+            known_part(out, m, hg, columns, n_p, directions, support, active, k, offset + c[i] * h, dknown, du, rhs)
+            solve_rows(matrix, pivots, active, rhs)
+            place_rows(dknown, rhs, hg, m, active, ds)
             stages_v[i] = s[m : 2 * m]
             dstages_v[i] = ds[m : 2 * m]
             dstages_w[i] = rhs
@@ -149,8 +164,8 @@ def propagate(
     return states, unknowns
 
 
-@njit(types.float64[:, :, ::1](KERNEL, F2, F2, F2, F1, F3, F3, I1, F3, types.int64), **OPTIONS)
-def output_sensitivities(kernel, states, unknowns, inputs, p, dstates, dunknowns, columns, dinputs, n_out):
+@njit(types.float64[:, :, ::1](KERNEL, F2, F2, F2, F1, F3, F3, I1, F3, I2, types.int64), **OPTIONS)
+def output_sensitivities(kernel, states, unknowns, inputs, p, dstates, dunknowns, columns, dinputs, support, n_out):
     """Total derivatives of the outputs at every sample, shape (n, n_out, n_c).
 
     ``kernel`` writes the partial derivatives in s, w, p and u, (n_out, n_s + n_w + n_p + n_u); dinputs is du/dc of
@@ -175,6 +190,8 @@ def output_sensitivities(kernel, states, unknowns, inputs, p, dstates, dunknowns
                 if columns[c] >= 0:
                     result[k, i, c] += out[row + n_s + n_w + columns[c]]
             for j in range(dinputs.shape[0]):
+                if k < support[j, 0] or k > support[j, 1] + 1:
+                    continue
                 for d in range(n_u):
                     result[k, i, first + j] += out[row + n_s + n_w + n_p + d] * dinputs[j, k, d]
     return result

@@ -11,10 +11,11 @@ import numpy as np
 
 from ..errors import UserError, nearest
 from ..physics.mechanism import Mechanism
-from .bristle import steady_bristle
-from .codegen import Kernels
+from .bristle import resting_states, steady_bristle
+from .codegen import Kernels, pointer
 from .differentiate import Wanted, differentiate
-from .paths import InputPath
+from .measure import Drive, Sensors
+from .paths import Directions, InputPath
 from .simulation import ContactLost, Simulation, SimulationFailed, Steps
 from .tableau import METHOD
 
@@ -24,6 +25,7 @@ log = logging.getLogger(__name__)
 
 _NO_STEPS = Steps(np.empty(0, np.int64), np.empty((0, 2)), np.empty((0, 0, 0)))
 _NONE: Mapping = MappingProxyType({})
+_NOTHING = Wanted((), np.empty(0, np.int64), np.empty(0, np.int64), Directions.of({}, (1, 0, 0)))
 Values = Mapping[str, float] | Sequence[float] | np.ndarray
 
 
@@ -58,7 +60,9 @@ class Simulator:
         self.kernels = Kernels(mechanism)
         self.parameter_names = tuple(par.name for par in mechanism.parameters)
         self._defaults = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values
-        free, memory = mechanism.free, mechanism.law.memory
+        self._drive = Drive(mechanism, self.parameter_names)
+        self._sensors = Sensors(mechanism, self.parameter_names)
+        free, memory = mechanism.free, mechanism.memory
         self.state_names = (*(c.signals[0] for c in free), *(c.signals[1] for c in free), *(["z"] if memory else []))
 
     def __reduce__(self):
@@ -91,7 +95,7 @@ class Simulator:
         *,
         z0: float | str = 0.0,
         sensitivities: Sequence[str] = (),
-        directions: Mapping[str, InputPath] = _NONE,
+        directions: Mapping[str, InputPath] | Directions = _NONE,
         rtol: float = 1e-5,
         atol: float = 1e-6,
         steps: Steps | None = None,
@@ -108,7 +112,8 @@ class Simulator:
                 stays if it can stick) and steady sliding in motion.
             sensitivities: names of parameters, and of initial states as "x(0)".
             directions: name -> derivative of the input path with respect to a quantity of the caller's (a spline
-                coefficient), on the same times: sensitivities to it are added.
+                coefficient), on the same times: sensitivities to it are added; for many simulations as
+                :class:`Directions`.
             rtol, atol: error allowed in a step, relative and, for velocities, absolute (m/s or rad/s). By default the
                 velocity of the pendulum on a box is within 1e-5 m/s.
             steps: take these steps of an earlier simulation of the same times instead of choosing any (parameters
@@ -119,18 +124,32 @@ class Simulator:
             SimulationFailed: no solution, or steps that would have to be too small.
             UserError: a wrong name, size or value.
         """
-        path = self._path(t, inputs)
+        recorded = self._path(t, inputs)
         vector = self.parameters(p)
         y0 = self._named(y0, self.state_names, "y0")
-        wanted = self._wanted(sensitivities, directions, path)
+        wanted = self._wanted(sensitivities, directions, recorded, vector)
+        path = self._drive.path(recorded, vector)
         start = self._start(y0, z0, path.coefficients[0, :, 0], vector)
         states, unknowns, record = self._integrate(path, vector, start, rtol, atol, steps, bool(wanted.names))
-        result = self._result(path, vector, states, unknowns, record)
+        truth = self._result(path, recorded, vector, states, unknowns, record)
+        known = self._known(truth.signals, truth.F)
+        result = replace(truth, signals=truth.signals | self._sensors.read(path.t, known, vector))
         if not wanted.names:
             return result
         steady = z0 == "steady" and "z" not in y0
-        derivatives = differentiate(self.kernels, path, vector, states, unknowns, record, wanted, steady)
-        return replace(result, sensitivity_names=wanted.names, sensitivities=derivatives)
+        changes = differentiate(self.kernels, path, vector, states, unknowns, record, wanted, steady)
+        by_truth = self._known(changes, changes["F"])
+        changes |= self._sensors.differentiate(path.t, known, by_truth, vector, wanted.names)
+        names = (*sensitivities, *directions)
+        if names != wanted.names:
+            order = [wanted.names.index(name) for name in names]
+            changes = {name: columns[:, order] for name, columns in changes.items()}
+        return replace(result, sensitivity_names=names, sensitivities=changes)
+
+    def _known(self, signals: Mapping[str, np.ndarray], force: np.ndarray) -> dict[str, np.ndarray]:
+        """The signals, and the force of a massless system under its input's name."""
+        massless = self.mechanism.system.massless
+        return dict(signals) | ({item.name: force for item in self.mechanism.system.inputs} if massless else {})
 
     # what the caller gave -------------------------------------------------------------------------------------
     def _named(self, values: Values, names: tuple[str, ...], where: str) -> dict[str, float]:
@@ -159,25 +178,45 @@ class Simulator:
             )
         return inputs
 
-    def _wanted(self, names: Sequence[str], directions: Mapping[str, InputPath], path: InputPath) -> Wanted:
+    def _wanted(
+        self,
+        names: Sequence[str],
+        directions: Mapping[str, InputPath] | Directions,
+        path: InputPath,
+        p: np.ndarray,
+    ) -> Wanted:
+        """What to differentiate with respect to: delays of inputs become directions, directions what acts."""
+        if not names and not directions:
+            return _NOTHING
         valid = (*self.parameter_names, *(f"{name}(0)" for name in self.state_names))
         for name in names:
             if name not in valid:
                 fix = nearest(name, valid) or "use one of these"
                 raise UserError("unknown sensitivity", where=name, allowed=", ".join(valid), fix=fix)
-        for name, direction in directions.items():
+        given = directions.paths if isinstance(directions, Directions) else directions
+        for name, direction in given.items():
             if direction.coefficients.shape != path.coefficients.shape:
                 raise UserError("direction on other times than the path", where=f"directions.{name}")
-        place, n_p = {name: i for i, name in enumerate(valid)}, len(self.parameter_names)
-        index = np.array([place[name] for name in names] + [-1] * len(directions), dtype=np.int64)
+        acting = {name: self._drive.delay_direction(name, path, p) for name in names if name in self._drive.parameters}
+        acting |= {name: self._drive.direction(direction, p) for name, direction in given.items()}
+        plain, n_p, m = [n for n in names if n not in acting], len(self.parameter_names), len(self.mechanism.free)
+        place = {name: i for i, name in enumerate(valid)}
+        index = np.array([place[name] for name in plain] + [-1] * len(acting), dtype=np.int64)
         columns, states = np.where(index < n_p, index, -1), np.where(index >= n_p, index - n_p, -1)
-        return Wanted((*names, *directions), columns, states, tuple(directions.values()))
+        states[states >= 2 * m] += len(self.mechanism.states)
+        same = len(acting) == len(given) and all(acting[name] is own for name, own in given.items())
+        if not (same and isinstance(directions, Directions)):
+            directions = Directions.of(acting, self._drive.path(path, p).coefficients.shape)
+        return Wanted((*plain, *acting), columns, states, directions)
 
     def _start(self, y0: dict[str, float], z0: float | str, u: np.ndarray, p: np.ndarray) -> np.ndarray:
         start = np.array([y0.get(name, 0.0) for name in self.state_names], dtype=float)
         if isinstance(z0, str) and z0 != "steady":
             raise UserError("unknown initial bristle state", where="z0", received=z0, allowed="a number or 'steady'")
-        if self.mechanism.law.memory and "z" not in y0:
+        m = len(self.mechanism.free)
+        start = np.concatenate([start[: 2 * m], np.zeros(len(self.mechanism.states)), start[2 * m :]])
+        start = resting_states(self.kernels, start, u, p)
+        if self.mechanism.memory and "z" not in y0:
             start[-1] = steady_bristle(self.kernels, start, u, p) if z0 == "steady" else float(z0)
         if not np.isfinite(start).all():
             raise UserError("initial state that is not finite", where="y0", received=start.tolist())
@@ -206,9 +245,22 @@ class Simulator:
         tolerance = 1e-12 if steps else 1e-5 if strict else 1e-2  # sensitivities hold where R = 0 holds
         order = min(METHOD.order, METHOD.order_embedded) + 1
         status, time, states, unknowns, interval, size, stages = core.integrate(
-            self.kernels.plain.newton, METHOD.a, METHOD.c, METHOD.error, order, path.t, path.coefficients, p, m,
-            limits, rtol, tolerance, start, taken.interval, taken.size,
-        )  # fmt: skip
+            pointer(self.kernels.plain.newton),
+            METHOD.a,
+            METHOD.c,
+            METHOD.error,
+            order,
+            path.t,
+            path.coefficients,
+            p,
+            m,
+            limits,
+            rtol,
+            tolerance,
+            start,
+            taken.interval,
+            taken.size,
+        )
         if status == core.CONTACT_LOST:
             raise ContactLost(time)
         if status == core.NOT_CONVERGED or not np.isfinite(states).all():
@@ -218,17 +270,24 @@ class Simulator:
         return states, unknowns, Steps(interval, size, stages)
 
     def _result(
-        self, path: InputPath, p: np.ndarray, states: np.ndarray, unknowns: np.ndarray, record: Steps
+        self,
+        path: InputPath,
+        recorded: InputPath,
+        p: np.ndarray,
+        states: np.ndarray,
+        unknowns: np.ndarray,
+        record: Steps,
     ) -> Simulation:
         m = len(self.mechanism.free)
-        outputs = _integrator().evaluate_samples(self.kernels.plain.outputs, states, unknowns, path.samples, p, 3)
+        kernel = pointer(self.kernels.plain.outputs)
+        outputs = _integrator().evaluate_samples(kernel, states, unknowns, path.samples, p, 3)
         v_slip, normal, friction = outputs.T
         if not (normal > 0).all():
             raise ContactLost(path.t[int(np.argmin(normal > 0))])
         q, v, a = states[:, :m], states[:, m : 2 * m], unknowns[:, :m]
         zero = np.zeros(len(path.t))
-        z, zdot = (states[:, -1], unknowns[:, -1]) if self.mechanism.law.memory else (zero, zero)
-        signals = dict(path.signals)
+        z, zdot = (states[:, -1], unknowns[:, -1]) if self.mechanism.memory else (zero, zero)
+        signals = dict(recorded.signals)
         for j, c in enumerate(self.mechanism.free):
             signals.update(zip(c.signals, (q[:, j], v[:, j], a[:, j]), strict=True))
         return Simulation(path.t, q, v, a, z, zdot, v_slip, normal, friction, signals, record)

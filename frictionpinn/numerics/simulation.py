@@ -56,11 +56,14 @@ class Simulation:
         q, v, a: position, velocity and acceleration of the free coordinates, shape (n, n_free), SI units.
         z, zdot: bristle state and its rate, shape (n,), in the system's unit of slip; zero for a law without memory.
         v_slip, N, F: slip velocity, normal force and friction force, shape (n,).
-        signals: name -> samples, shape (n,): free and driven coordinates and inputs, named as in a recording.
+        signals: name -> samples, shape (n,): free and driven coordinates and inputs, named as in a recording; as the
+            sensors show them where an effect changes a sensor. With effects, the input of a massless system is its
+            predicted force.
         steps: the integrator's steps.
         sensitivity_names: what the sensitivities are taken with respect to, in order.
         sensitivities: name -> derivatives, shape (n, n_sens), of every signal of a free coordinate and of ``z``,
-            ``zdot``, ``v_slip``, ``N`` and ``F``; empty where none were asked for.
+            ``zdot``, ``v_slip``, ``N`` and ``F`` (with effects, of a massless system's input too); empty where
+            none were asked for.
     """
 
     t: np.ndarray

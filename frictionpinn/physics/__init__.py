@@ -1,8 +1,22 @@
 """Physics as equations: friction laws and systems, written once in sympy; everything else is derived from them."""
 
 from .base import CONTACT, Contact, FrictionLaw, Parameter
+from .effect import Effect
+from .effects import EFFECTS
 from .friction import LAWS
 from .system import Coordinate, Input, System
 from .systems import SYSTEMS
 
-__all__ = ["CONTACT", "LAWS", "SYSTEMS", "Contact", "Coordinate", "FrictionLaw", "Input", "Parameter", "System"]
+__all__ = [
+    "CONTACT",
+    "EFFECTS",
+    "LAWS",
+    "SYSTEMS",
+    "Contact",
+    "Coordinate",
+    "Effect",
+    "FrictionLaw",
+    "Input",
+    "Parameter",
+    "System",
+]

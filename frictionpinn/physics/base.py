@@ -8,6 +8,11 @@ from types import SimpleNamespace
 
 import sympy as sp
 
+from .scan import Scan
+
+TIME = sp.Symbol("t", real=True)
+_S_SLIP, _A_SLIP = sp.symbols("s_slip a_slip", real=True)
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -20,6 +25,10 @@ class Parameter:
         low, high: physical limits (not a search range).
         neutral: the value that switches an effect off, for effects only.
         text: what it is, in the field's words.
+        hidden: a place, length, time or speed inside an effect, which says nothing while the effect is neutral: it is
+            scanned over ``scan``, and held where there is none.
+        scan: values to try, relative to the data.
+        group: parameters of an effect in the same group are tested together (the sine and cosine of one ripple).
     """
 
     name: str
@@ -29,6 +38,9 @@ class Parameter:
     low: float = 0.0
     high: float = math.inf
     neutral: float | None = None
+    hidden: bool = False
+    scan: Scan | None = None
+    group: str = ""
 
     @property
     def symbol(self) -> sp.Symbol:
@@ -38,12 +50,18 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Contact:
-    """What a friction law sees: slip velocity, normal force magnitude, bristle state and its rate (symbols)."""
+    """What a friction law sees: slip velocity, normal force magnitude, bristle state and its rate.
 
-    v: sp.Symbol
-    N: sp.Symbol
-    z: sp.Symbol
-    zdot: sp.Symbol
+    Effects also see the slip position ``s``, the slip acceleration ``a`` and the time ``t``.
+    """
+
+    v: sp.Expr
+    N: sp.Expr
+    z: sp.Expr
+    zdot: sp.Expr
+    s: sp.Expr = _S_SLIP
+    a: sp.Expr = _A_SLIP
+    t: sp.Expr = TIME
 
 
 CONTACT = Contact(*sp.symbols("v_slip N z zdot", real=True))
@@ -52,8 +70,8 @@ CONTACT = Contact(*sp.symbols("v_slip N z zdot", real=True))
 class FrictionLaw:
     """A friction law: force from slip velocity, normal force and, where it has memory, the bristle state.
 
-    Subclasses set ``name``, ``parameters`` and override :meth:`force`; laws with memory override
-    :meth:`bristle_rate` and :meth:`capacity` too. Every method returns a sympy expression in the symbols of
+    Subclasses set ``name``, ``parameters`` and override :meth:`force` and :meth:`capacity`; laws with memory override
+    :meth:`bristle_rate` too. Every method returns a sympy expression in the symbols of
     ``c`` (:class:`Contact`) and ``p`` (a namespace of parameter symbols). The force opposes positive slip
     velocity: the equation of motion receives ``-force``.
     """
@@ -67,7 +85,7 @@ class FrictionLaw:
         raise NotImplementedError
 
     def capacity(self, c: Contact, p: SimpleNamespace) -> sp.Expr:
-        """g(v, N): the magnitude of the bristle force in steady sliding."""
+        """g(v, N): the magnitude of the dry friction (of the bristle force) in steady sliding."""
         raise NotImplementedError
 
     def bristle_rate(self, c: Contact, p: SimpleNamespace) -> sp.Expr:

@@ -10,9 +10,9 @@ import numpy as np
 import sympy as sp
 
 from ..errors import UserError, nearest
-from .base import Parameter
+from .base import TIME, Parameter
 
-TIME = sp.Symbol("t", real=True)
+__all__ = ["TIME", "Coordinate", "Input", "System"]
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,7 @@ class System:
         driven: coordinates whose motion is prescribed when simulating (the swing of the PoB).
         massless: the motion is imposed and the force measured: no equation of motion is integrated (damper).
         force_unit, slip_unit: SI units of the friction force and of slip ("N*m" and "rad" for a joint).
+        lever: parameter and angle (coordinate) that place a swinging body's centre of mass, where there is one.
     """
 
     name: str = ""
@@ -77,6 +78,7 @@ class System:
     massless: bool = False
     force_unit: str = "N"
     slip_unit: str = "m"
+    lever: tuple[str, str] | None = None
     equations_allowed: tuple[str, ...] = ("lagrange",)
 
     def __init__(self, equations: str = "lagrange", driven: tuple[str, ...] | None = None, **values: float):
@@ -232,6 +234,23 @@ class System:
     def jacobian(self) -> dict[str, sp.Expr]:
         """J = d v_slip / d qd, by coordinate name."""
         return {c.name: sp.diff(self.v_slip, c.symbols[1]) for c in self.moving}
+
+    @cached_property
+    def slip_position(self) -> sp.Expr | None:
+        """The position whose rate is the slip velocity; None where the slip velocity cannot be integrated simply."""
+        if any(not sp.sympify(j).is_constant(*self._motion) for j in self.jacobian.values()):
+            return None
+        return sum((j * c.symbols[0] for c in self.moving for j in [self.jacobian[c.name]]), start=sp.Integer(0))
+
+    @property
+    def _motion(self) -> tuple[sp.Symbol, ...]:
+        return tuple(symbol for c in self.coordinates for symbol in c.symbols)
+
+    @cached_property
+    def acting(self) -> frozenset[sp.Symbol]:
+        """Symbols that take part in what a simulation solves: the free coordinates' equations and the contact."""
+        rows = () if self.massless else tuple(self.residual(c) for c in self.free)
+        return frozenset().union(*(sp.sympify(e).free_symbols for e in (self.v_slip, self.N, *rows)))
 
     @cached_property
     def friction_implied(self) -> sp.Expr:

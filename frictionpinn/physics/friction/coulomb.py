@@ -13,5 +13,8 @@ class Coulomb(FrictionLaw):
     name = "coulomb"
     parameters = (MU_C, V_T)
 
+    def capacity(self, c, p):
+        return p.mu_c * c.N
+
     def force(self, c, p):
         return p.mu_c * c.N * sign_smooth(c.v, p.v_t)

@@ -13,5 +13,8 @@ class CoulombViscous(FrictionLaw):
     name = "coulomb_viscous"
     parameters = (MU_C, SIGMA_2, V_T)
 
+    def capacity(self, c, p):
+        return p.mu_c * c.N
+
     def force(self, c, p):
         return p.mu_c * c.N * sign_smooth(c.v, p.v_t) + p.sigma_2 * c.v

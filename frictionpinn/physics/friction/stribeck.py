@@ -13,6 +13,9 @@ class Stribeck(FrictionLaw):
     name = "stribeck"
     parameters = (MU_C, MU_S, V_S, ALPHA, SIGMA_2, V_T)
 
+    def capacity(self, c, p):
+        return stribeck_curve(c, p)
+
     def force(self, c, p):
         return stribeck_curve(c, p) * sign_smooth(c.v, p.v_t) + p.sigma_2 * c.v
 

@@ -20,6 +20,7 @@ class Pendulum(System):
     force_unit = "N*m"
     slip_unit = "rad"
     coordinates = (Coordinate("theta", ("theta", "omega", "alpha"), ("rad", "rad/s", "rad/s^2")),)
+    lever = ("l", "theta")
     inputs = (Input("tau", "N*m", "torque of a motor at the hinge; 0 where it swings freely"),)
     parameters = (
         Parameter("m", "kg", "mass", 1.0),

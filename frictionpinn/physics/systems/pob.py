@@ -28,6 +28,7 @@ class PendulumOnBox(System):
         Coordinate("theta", ("theta", "omega", "alpha"), ANGLE),
         Coordinate("y", constrained=True),
     )
+    lever = ("d", "theta")
     inputs = (Input("tau", "N*m", "torque of the motor at the hinge"),)
     driven = ("theta",)
     equations_allowed = ("lagrange", "published")

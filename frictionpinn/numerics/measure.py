@@ -1,0 +1,130 @@
+"""Between a recording and the equations: inputs that act late, and sensors that show something else than the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+import sympy as sp
+
+from ..physics.mechanism import Mechanism
+from .delay import shift_pieces, shift_samples
+from .paths import DEGREE, InputPath
+
+Signals = dict[str, np.ndarray]
+
+
+class Drive:
+    """What acts, from the inputs as recorded: delayed where an effect says so, with the time itself where it enters."""
+
+    def __init__(self, mechanism: Mechanism, parameters: tuple[str, ...]):
+        names = mechanism.input_signals
+        late = {name: terms for name, terms in mechanism.delays.items() if name not in mechanism.predictions}
+        self.delays = {names.index(name): _weights(terms, parameters) for name, terms in late.items()}
+        self.timed = mechanism.timed
+        self.parameters = {name: parameters.index(name) for terms in late.values() for name in terms}
+
+    def path(self, recorded: InputPath, p: np.ndarray) -> InputPath:
+        """Return the inputs that act."""
+        return self._extended(self._late(recorded, p), 1.0)
+
+    def direction(self, recorded: InputPath, p: np.ndarray) -> InputPath:
+        """Return the change of what acts for a change of the recorded inputs."""
+        return self._extended(self._late(recorded, p), 0.0)
+
+    def delay_direction(self, name: str, recorded: InputPath, p: np.ndarray) -> InputPath:
+        """Return the derivative of what acts in the delay parameter ``name``."""
+        rates = np.zeros_like(recorded.coefficients)
+        for column, weights in self.delays.items():
+            weight = weights[self.parameters[name]]
+            pieces = recorded.coefficients[:, [column]]
+            rates[:, [column]] = weight * shift_pieces(recorded.t, pieces, float(weights @ p), rate=True)
+        return self._extended(replace(recorded, coefficients=rates), 0.0)
+
+    def _late(self, path: InputPath, p: np.ndarray) -> InputPath:
+        shifts = {column: float(weights @ p) for column, weights in self.delays.items()}
+        late = {column: shift for column, shift in shifts.items() if shift != 0}
+        if not late:
+            return path
+        coefficients = path.coefficients.copy()
+        for column, shift in late.items():
+            if coefficients[:, column].any():
+                coefficients[:, column] = shift_pieces(path.t, path.coefficients[:, [column]], shift)[:, 0]
+        return replace(path, coefficients=coefficients)
+
+    def _extended(self, path: InputPath, rate: float) -> InputPath:
+        if not self.timed:
+            return path
+        time = np.zeros((len(path.t) - 1, 1, DEGREE + 1))
+        time[:, 0, 0], time[:, 0, 1] = rate * path.t[:-1], rate
+        return InputPath((*path.names, "t"), path.t, np.concatenate([path.coefficients, time], axis=1))
+
+
+class Sensors:
+    """What the sensors of the predicted signals show, and its derivatives.
+
+    Only signals whose sensor an effect changes are touched, and the force of a massless system added.
+    """
+
+    def __init__(self, mechanism: Mechanism, parameters: tuple[str, ...]):
+        self.parameters = parameters
+        predictions = mechanism.predictions if mechanism.effects else {}
+        self.slopes = {c.signals[i]: c.signals[i + 1] for c in mechanism.free for i in (0, 1)}
+        self.delays = {k: _weights(terms, parameters) for k, terms in mechanism.delays.items() if k in predictions}
+        symbols = [par.symbol for par in mechanism.parameters]
+        self.shown: dict[str, Callable] = {}
+        self.partial: dict[str, tuple[tuple[str, ...], Callable]] = {}
+        for name, truth in predictions.items():
+            expr = mechanism.outputs[name]
+            if expr == truth and name not in self.delays and not mechanism.system.massless:
+                continue
+            enter = [par for par in mechanism.parameters if par.symbol in expr.free_symbols]
+            derivatives = [sp.diff(expr, symbol) for symbol in (truth, *(par.symbol for par in enter))]
+            self.shown[name] = sp.lambdify([truth, *symbols], expr, "numpy")
+            self.partial[name] = (
+                tuple(par.name for par in enter),
+                sp.lambdify([truth, *symbols], derivatives, "numpy"),
+            )
+
+    def read(self, t: np.ndarray, truth: Mapping[str, np.ndarray], p: np.ndarray) -> Signals:
+        """Return what the sensors show, name -> (n,); ``truth`` has all true signals and, where massless, the force."""
+        return {name: function(self._late(name, t, truth, p)[0], *p) for name, function in self.shown.items()}
+
+    def differentiate(
+        self, t: np.ndarray, truth: Mapping[str, np.ndarray], changes: Signals, p: np.ndarray, names: tuple[str, ...]
+    ) -> Signals:
+        """Return derivatives of what the sensors show, name -> (n, n_sens).
+
+        Args:
+            truth: true signals, (n,) each.
+            changes: their derivatives, (n, n_sens) each.
+            names: what the derivatives are taken with respect to.
+        """
+        result = {}
+        for name, (own, function) in self.partial.items():
+            y, rate = self._late(name, t, truth, p)
+            change = self._late(name, t, changes, p)[0].copy()
+            for index in np.flatnonzero(self.delays.get(name, ())):
+                if self.parameters[index] in names:
+                    change[:, names.index(self.parameters[index])] += self.delays[name][index] * rate
+            by_truth, *by_own = function(y, *p)
+            change *= by_truth
+            for parameter, derivative in zip(own, by_own, strict=True):
+                if parameter in names:
+                    change[:, names.index(parameter)] += derivative
+            result[name] = change
+        return result
+
+    def _late(self, name: str, t: np.ndarray, signals: Mapping[str, np.ndarray], p: np.ndarray):
+        """A signal as late as its sensor shows it, and its derivative in the delay."""
+        y = signals[name]
+        if name not in self.delays:
+            return y, np.zeros_like(y)
+        slope = signals[self.slopes[name]] if name in self.slopes else np.gradient(y, t, axis=0)
+        return shift_samples(t, y, slope, float(self.delays[name] @ p))
+
+
+def _weights(terms: Mapping[str, float], parameters: tuple[str, ...]) -> np.ndarray:
+    """The delay as a row over the parameter vector."""
+    return np.array([terms.get(name, 0.0) for name in parameters])

@@ -1,0 +1,85 @@
+"""Values of an effect's hidden parameters to try, as multiples of what the data cover."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import UserError
+
+SCALES = {
+    "stroke": "range of the slip position",
+    "place": "slip position: 0 is the lowest visited, 1 the highest",
+    "speed": "largest slip speed",
+    "load": "mean normal force",
+    "duration": "length of the longest trial, s",
+    "interval": "median sampling interval, s",
+    "frequency": "one over the length of the longest trial, Hz",
+}
+
+
+@dataclass(frozen=True)
+class Scan:
+    """``count`` values from ``low`` to ``high`` times a scale of the data (see ``SCALES``), log or linear spacing."""
+
+    of: str
+    low: float
+    high: float
+    count: int
+    spacing: str = "log"
+
+    @classmethod
+    def checked(cls, where: str, spec: Mapping) -> Scan:
+        """A scan from plain values.
+
+        Raises:
+            UserError: an unknown field or scale, limits in the wrong order, no values.
+        """
+        try:
+            scan = cls(**spec)
+            space = scan.values({scan.of: (0.0, 1.0)}) if scan.of in SCALES and scan.low <= scan.high else None
+            good = space is not None and space.size > 0 and scan.spacing in ("log", "linear")
+        except (TypeError, ValueError):
+            good = False
+        if not good:
+            allowed = f"of ({', '.join(SCALES)}), low, high (not below), count (1 or more), spacing (log, linear)"
+            raise UserError("not a scan", where=where, received=dict(spec), allowed=allowed)
+        return scan
+
+    def values(self, scales: Mapping[str, tuple[float, float]]) -> np.ndarray:
+        """The values, SI units, shape (count,); ``scales`` as :func:`data_scales` returns them."""
+        offset, size = scales[self.of]
+        space = np.geomspace if self.spacing == "log" else np.linspace
+        return offset + size * space(self.low, self.high, self.count)
+
+
+def scan_of(given: Mapping[str, Scan], name: str, own: Scan | None) -> Scan | None:
+    """The scan given for a parameter, by its name or the name it begins with; its own where there is none."""
+    if name in given:
+        return given[name]
+    return next((scan for key, scan in given.items() if name.startswith(f"{key}_")), own)
+
+
+def data_scales(
+    t: Sequence[np.ndarray], position: Sequence[np.ndarray], speed: Sequence[np.ndarray], load: Sequence[np.ndarray]
+) -> dict[str, tuple[float, float]]:
+    """Offset and size of every scale, SI units.
+
+    Args:
+        t: times of each trial, s.
+        position, speed, load: slip position, slip velocity and normal force of each trial.
+    """
+    lowest, highest = min(float(x.min()) for x in position), max(float(x.max()) for x in position)
+    duration = max(float(x[-1] - x[0]) for x in t)
+    stroke = highest - lowest
+    return {
+        "stroke": (0.0, stroke),
+        "place": (lowest, stroke),
+        "speed": (0.0, max(float(np.abs(v).max()) for v in speed)),
+        "load": (0.0, float(np.mean(np.concatenate([np.ravel(n) for n in load])))),
+        "duration": (0.0, duration),
+        "interval": (0.0, float(np.median(np.concatenate([np.diff(x) for x in t])))),
+        "frequency": (0.0, 1.0 / duration),
+    }
