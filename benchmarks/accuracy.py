@@ -29,7 +29,7 @@ def run(overrides: list[str]) -> dict:
 
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
         cfg = OmegaConf.to_container(compose("train", overrides=[*overrides, "trainer.threads=1"]), resolve=True)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         return train(cfg, Path(folder))
 
 

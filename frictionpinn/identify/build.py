@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import sympy as sp
@@ -49,7 +50,8 @@ class Channels:
         for signals, _ in motions:
             if not recorded.intersection(signals):
                 raise UserError("missing input signal", where="recording", received=", ".join(sorted(recorded)),
-                                allowed=f"at least one of {', '.join(signals)}", fix="record the driven coordinate")  # fmt: skip
+                                allowed=f"at least one of {', '.join(signals)}", 
+                                fix="record the driven coordinate")  # fmt: skip
         plain: list[tuple[str, int]] = []
         if mechanism.system.massless:
             outputs = {item.name: "F" for item in mechanism.system.inputs if item.name in recorded}
@@ -63,7 +65,8 @@ class Channels:
         if not outputs:
             wanted = [name for c in mechanism.free for name in c.signals] or [i.name for i in mechanism.system.inputs]
             raise UserError("nothing to compare the model with", where="recording",
-                            received=", ".join(sorted(recorded)), allowed=f"at least one of {', '.join(wanted)}")  # fmt: skip
+                            received=", ".join(sorted(recorded)),
+                            allowed=f"at least one of {', '.join(wanted)}")  # fmt: skip
         return cls(outputs, motions, tuple(plain))
 
     @property
@@ -81,7 +84,7 @@ def windows_of(recording: Recording, length_s: float | None) -> list[Trial]:
             1 if len(trial) <= LONGEST_S_SAMPLES else -(-2 * len(trial) // LONGEST_S_SAMPLES)
         )  # fmt: skip
         edges = np.linspace(0, len(trial), max(count, 1) + 1).round().astype(int)
-        for k, (first, end) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+        for k, (first, end) in enumerate(pairwise(edges)):
             if end - first < DEGREE + 3:
                 raise UserError("window too short", where="windows", received=f"{end - first} samples",
                                 allowed=f"at least {DEGREE + 3} samples", fix="lengthen the windows")  # fmt: skip
@@ -114,7 +117,7 @@ class Builder:
         """Return the model of one trial or window, its inputs smoothed."""
         mechanism, t = self.simulator.mechanism, trial.t
         coefficients = np.zeros((len(t) - 1, len(mechanism.input_signals), DEGREE + 1))
-        noisy, bases = [], {}
+        noisy: list[NoisyInput] = []
         for signals, columns in self.channels.motions:
             noisy.append(self._motion(trial, signals, columns))
         for name, column in self.channels.plain:
@@ -130,7 +133,7 @@ class Builder:
         known = {name: value for name, value in start.items() if name != "z" or "z" in states}
         return TrialModel(
             self.simulator, trial.name, t, self.channels.outputs, _rows(trial, self.channels.outputs),
-            InputPath(mechanism.input_signals, t, coefficients), tuple(noisy), states, known, self._force(trial),
+            InputPath(mechanism.input_signals, t, coefficients), tuple(noisy), states, known,
         )  # fmt: skip
 
     def _zeros(self, trial: Trial) -> dict[str, np.ndarray]:
@@ -165,9 +168,6 @@ class Builder:
         if self.simulator.mechanism.law.memory:
             start["z"] = 0.0
         return start
-
-    def _force(self, trial: Trial) -> float:
-        return 1.0
 
 
 def _rows(trial: Trial, names) -> np.ndarray:

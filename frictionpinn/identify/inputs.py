@@ -16,6 +16,10 @@ from ..numerics.smoothing import difference_sigma
 from .gram import gram
 
 COARSEST, FINEST = 8, 2  # knot intervals of the coarsest spline tried; samples per interval of the finest
+GROWTH = 1.4  # of the number of intervals from one spline tried to the next
+FINER = 1.5  # the criterion's best spline still bends the response by a fraction of its standard error: take a finer
+CLEAN = 0.3  # of the noise that is said to be there: signals with less were simulated without it
+MISFIT = 1.7  # typical residual, over the noise's, of a spline that does not follow the signal at all
 PATIENCE = 3  # finer splines that may fail to lower the criterion before the search ends
 
 
@@ -82,7 +86,8 @@ class PathBasis:
 def choose_basis(t: np.ndarray, y: np.ndarray, sigmas: np.ndarray, most: int) -> PathBasis | None:
     """Return the basis of least Bayesian information criterion sum_k n_k log(RSS_k / n_k) + p log(sum_k n_k).
 
-    Intervals grow by half from the coarsest; the search ends where three finer ones brought nothing.
+    Intervals grow by 40 % from the coarsest; the search ends where three finer ones brought nothing. The basis
+    returned is a little finer than the best.
 
     Args:
         t: times, s, shape (n,).
@@ -92,19 +97,27 @@ def choose_basis(t: np.ndarray, y: np.ndarray, sigmas: np.ndarray, most: int) ->
     """
     counts = np.sum(~np.isnan(y), axis=1)
     measured = counts > 0
+    own = [difference_sigma([(t, row)]) if np.any(~np.isnan(row)) else np.inf for row in y]
+    expected = np.where(np.array(own) < CLEAN * sigmas, sigmas**2, 0.0)[measured]  # of signals without their noise
     best, least, worse, intervals = None, np.inf, 0, max(2, min(COARSEST, len(t) // 8)) / 2
     while worse < PATIENCE:
         basis = PathBasis.evenly(t, round(intervals), len(y))
         if basis.size > most:
             return None if worse < 2 else best
-        squares = np.nansum(basis.fit(y, sigmas)[1] ** 2, axis=1)[measured]
-        variance = np.maximum(squares / counts[measured], (1e-3 * sigmas[measured]) ** 2)
+        residuals = basis.fit(y, sigmas)[1][measured]
+        squares = np.nansum(residuals**2, axis=1)
+        variance = np.maximum(squares / counts[measured] + expected, (1e-3 * sigmas[measured]) ** 2)
         value = float(np.sum(counts[measured] * np.log(variance)) + basis.size * np.log(counts.sum()))
-        best, least, worse = (basis, value, 0) if value < least else (best, least, worse + 1)
+        typical = 1.4826 * np.nanmedian(np.abs(residuals), axis=1)  # outliers aside
+        misfit = bool(np.any(typical > MISFIT * sigmas[measured]))  # too coarse to judge by
+        best, least, worse = (basis, value, 0) if value < least or misfit else (best, least, worse + 1)
         if intervals >= (len(t) - 1) / FINEST:
             break
-        intervals *= 1.4
-    return best
+        intervals *= GROWTH
+    if best is None:
+        return None
+    finer = PathBasis.evenly(t, round(FINER * (len(best.breaks) - 1)), len(y))
+    return finer if finer.size <= most else best
 
 
 def signal_sigmas(t: Sequence[np.ndarray], signals: Sequence[Sequence[np.ndarray]]) -> np.ndarray:

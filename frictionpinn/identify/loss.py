@@ -29,6 +29,10 @@ class Loss:
         """Most likely noise standard deviation of residuals r, shape (n,), with ``freedom`` degrees of freedom."""
         return float(np.sqrt(np.vdot(r, r) / freedom))
 
+    def inflation(self, r: np.ndarray) -> float:
+        """Factor on the inverse of the weighted normal matrix that makes it the covariance, from residuals r."""
+        return 1.0
+
 
 @dataclass(frozen=True)
 class StudentT(Loss):
@@ -57,6 +61,11 @@ class StudentT(Loss):
                 break
             sigma = new
         return sigma
+
+    def inflation(self, r: np.ndarray) -> float:
+        weight = self.weight(r)
+        slope = np.mean(weight * (self.nu - r**2) / (self.nu + r**2))
+        return float(np.mean((weight * r) ** 2) * np.mean(weight) / slope**2)
 
 
 LOSSES = {"gaussian": Loss(), "robust": StudentT()}

@@ -11,7 +11,8 @@ from scipy.linalg import cho_factor, cho_solve
 from .trial import Piece
 
 LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
-STUCK = 1e12  # damping beyond which no step will help
+STUCK, PATIENCE = 1e12, 5  # damping beyond which no step will help; rejected steps in a row
+SMALL = 5.0  # times the decrease asked for: two steps in a row that gain less end the search (the cost has kinks)
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,8 @@ def reduced(state: State, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray,
     ``damping`` times the diagonal of H first.
     """
     n = len(state.u)
-    S, g, back = np.zeros((n, n)), np.zeros(n), []
+    S, g = np.zeros((n, n)), np.zeros(n)
+    back: list[np.ndarray | None] = []
     for piece in state.pieces:
         S += piece.gg
         g += piece.grad_g
@@ -121,14 +123,15 @@ def levenberg_marquardt(
 
     Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05 (1999), for the damping.
     """
-    state, growth, evaluations, reason = start, 2.0, 0, "too many iterations"
+    state, growth, evaluations, small, reason = start, 2.0, 0, 0, "too many iterations"
     low, high = limits
     for iteration in range(iterations):
         gradient = reduced(state)[1]
-        at = ((state.u <= low) & (gradient > 0)) | ((state.u >= high) & (gradient < 0))
+        at = ((state.u <= low) & (gradient > 0)) | ((state.u >= high) & (gradient < 0)) | (low >= high)
         full = _step(state, 0.0, at)
         if full is not None and abs(full[2]) < decrease:
             return Solution(state, iteration, evaluations, "converged")
+        rejected = 0
         while True:
             step = _step(state, damping, at)
             better = None
@@ -143,11 +146,12 @@ def levenberg_marquardt(
                 growth = 2.0
                 break
             damping, growth = max(damping, 1e-9) * growth, growth * 2
-            if damping > STUCK or (step is not None and better is not None and abs(gain) <= 1e-13 * state.cost):
-                return Solution(state, iteration, evaluations, "converged" if full and full[2] < 1e-2 else "stuck")
-        done = gain < max(relative * state.cost, decrease) and damping < 1.0
+            rejected += 1
+            if damping > STUCK or rejected > PATIENCE:
+                return Solution(state, iteration, evaluations, "stuck")
+        small = small + 1 if gain < max(relative * state.cost, SMALL * decrease) else 0
         found = evaluate(better.u, better.locals, True)
         state = found if found is not None else replace(better, pieces=state.pieces)
-        if done or found is None:
+        if small > 1 or found is None:
             return Solution(state, iteration + 1, evaluations, "converged" if found else "stuck")
     return Solution(state, iterations, evaluations, reason)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,11 +48,8 @@ class Space:
         Raises:
             UserError: an unknown name, bounds that are empty or outside the parameter's physical range.
         """
+        check_names(mechanism, (*names, *bounds))
         table = {par.name: par for par in mechanism.parameters}
-        for name in (*names, *bounds):
-            if name not in table:
-                fix = nearest(name, table) or "use one of these"
-                raise UserError("unknown parameter", where=f"free.{name}", allowed=", ".join(table), fix=fix)
         ordered = tuple(name for name in table if name in names)
         if not ordered:
             raise UserError("nothing to estimate", where="free", allowed=", ".join(table))
@@ -124,6 +121,15 @@ class Space:
         unit = np.where(self.scales > 0, self.scales, 1.0)
         signed = self.scales > 0
         return np.where(signed, low / unit, logs[0]), np.where(signed, high / unit, logs[1])
+
+
+def check_names(mechanism: Mechanism, names: Iterable[str]) -> None:
+    """Raise :class:`UserError` for a name that is no parameter of the mechanism."""
+    table = [par.name for par in mechanism.parameters]
+    for name in names:
+        if name not in table:
+            fix = nearest(name, table) or "use one of these"
+            raise UserError("unknown parameter", where=f"free.{name}", allowed=", ".join(table), fix=fix)
 
 
 def _order(mechanism: Mechanism) -> list[tuple[str, str]]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from ..numerics.paths import InputPath
+from ..numerics.paths import Directions, InputPath
 from ..numerics.simulate import Simulation, Simulator
 from .gram import gram
 from .inputs import PathBasis
@@ -66,6 +67,7 @@ class TrialModel:
         states: initial states that are unknown, of ``simulator.state_names``.
         start: start values of all states (z as the bristle force sigma_0 z), by name; without z: steady.
         force_scale: prior standard deviation of the initial bristle force, in the system's unit of force.
+        directions: derivatives of the input path in the inputs' coefficients; made here.
     """
 
     simulator: Simulator
@@ -77,16 +79,19 @@ class TrialModel:
     inputs: tuple[NoisyInput, ...]
     states: tuple[str, ...]
     start: dict[str, float]
-    force_scale: float
+    force_scale: float = 1.0
+    directions: Directions | None = None
 
     def __post_init__(self):
+        if self.directions is not None or not self.inputs:
+            return
         directions: dict[str, InputPath] = {}
         for item in self.inputs:
             for j in range(item.basis.size):
                 coefficients = np.zeros_like(self.base.coefficients)
                 coefficients[:, list(item.columns)] = item.basis.pieces[j]
                 directions[f"{item.names[0]}[{j}]"] = InputPath(self.base.names, self.t, coefficients)
-        object.__setattr__(self, "_directions", directions)
+        object.__setattr__(self, "directions", Directions.of(directions, self.base.coefficients.shape))
 
     def size(self, joint: bool) -> int:
         """Number of local unknowns, with or without the inputs' coefficients."""
@@ -126,7 +131,7 @@ class TrialModel:
     ) -> Simulation:
         """Simulate at the parameters and local unknowns, with sensitivities if ``names`` are given."""
         wanted = [*names, *(f"{state}(0)" for state in self.states)] if names else []
-        directions = self._directions if names and joint else {}  # type: ignore[attr-defined]
+        directions: Any = self.directions if names and joint and self.directions is not None else {}
         return self.simulator.simulate(
             self.t, self.path(local), p, self.initial(p, local), z0="steady", sensitivities=wanted,
             directions=directions, **options,
@@ -191,7 +196,7 @@ class TrialModel:
         return np.stack([run.F if key == "F" else run.signals[key] for key in self.outputs.values()])
 
     def _prior(self, local: np.ndarray) -> np.ndarray:
-        """The initial bristle force, weakly held within what friction can be: where the body slides no signal sees it."""
+        """The initial bristle force, held within what friction can be: where the body slides no signal sees it."""
         if "z" not in self.states:
             return np.zeros(0)
         return local[[self.states.index("z")]] / self.force_scale

@@ -111,6 +111,8 @@ def figures(folder: Path, system: System, trials: list[ContactTrial], model, bas
         figure.savefig(folder / "figures" / f"{key}.png", dpi=120)
         for logger in trainer.loggers:
             logger.experiment.add_figure(key, figure, global_step=trainer.global_step)
+    for logger in trainer.loggers:
+        logger.experiment.close()  # its thread would go on writing to the run's folder
 
 
 def readable(unit: str) -> str:
@@ -153,6 +155,15 @@ def summarise(result: Mapping[str, Any], folder: Path) -> str:
             truth = f"{entry['truth']:>12.5g}" if "truth" in entry else f"{'':>12}"
             start = f"{entry['start']:>12.5g}" if entry["trained"] else f"{'fixed':>12}"
             lines.append(f"{name:<10}{entry['value']:>12.5g}  {readable(entry['unit']):<10}{start}{truth}")
+    if "refined" in result:
+        refined = result["refined"]
+        lines.append(f"refined by maximum likelihood ({refined['outcome']}, {refined['seconds']:.1f} s):")
+        for name, entry in refined["parameters"].items():
+            low, high = (np.nan if bound is None else bound for bound in entry["ci95"])
+            value = np.nan if entry["value"] is None else entry["value"]
+            truth = f"{entry['truth']:>12.5g}" if "truth" in entry else ""
+            lines.append(f"{name:<10}{value:>12.5g}  {readable(entry['unit']):<10}[{low:.5g}, {high:.5g}]{truth}")
+        lines += [f"  {sentence}" for sentence in refined["advice"]]
     error, unit = result["force_error"], readable(result["force_error"]["unit"]["rmse"])
     lines.append(f"force error on {error['on']}, against the {error['model']['reference']}:")
     for key, label in (("model", result["model"]), ("coulomb_viscous", "Coulomb + viscous fit")):

@@ -20,6 +20,7 @@ from ..models import FrictionModel
 from ..models.base import check_same_model
 from .build import Config, build_data, build_model, build_system, check_pairing
 from .callbacks import Progress, Scalars, StopOnNaN
+from .refine import check_refinable, refine
 from .result import report, summarise, write_json
 
 log = logging.getLogger(__name__)
@@ -44,6 +45,8 @@ def train(cfg: Config, folder: Path) -> dict[str, Any]:
     torch.set_num_threads(max(int(cfg["trainer"].get("threads") or torch.get_num_threads()), 1))
     L.seed_everything(seed_of(cfg), workers=False, verbose=False)
     check_pairing(cfg)
+    check_refinable(cfg)
+    announce_compilation(cfg)
     system = build_system(cfg["system"])
     data = build_data(cfg, system)
     model = build_model(cfg, system, data)
@@ -61,9 +64,20 @@ def train(cfg: Config, folder: Path) -> dict[str, Any]:
     model.eval()
     seconds["total"] = time.perf_counter() - begin
     result = report(cfg, folder, system, data, model, trainer, seconds)
+    if cfg.get("refine"):
+        result["refined"] = refine(cfg, system, data, model)
     write_json(folder / "result.json", result)
     log.info(summarise(result, folder))
     return result
+
+
+def announce_compilation(cfg: Config) -> None:
+    """Say why the very first simulation on a machine takes so long."""
+    from .. import numerics
+
+    cache = Path(numerics.__file__).parent / "__pycache__"
+    if cfg["data"]["name"] == "simulated" and not any(cache.glob("integrator.*.nbi")):
+        log.info("compiling the simulator, once on this machine: about 20 s")
 
 
 def seed_of(cfg: Config) -> int:

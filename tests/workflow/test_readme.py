@@ -20,7 +20,7 @@ def test_a_system_of_ones_own_is_one_file_one_yaml_and_one_line(tmp_path):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "train.py", tmp_path)
     systems = tmp_path / "frictionpinn" / "physics" / "systems"
-    (systems / "tilt.py").write_text(blocks("python")[0])
+    (systems / "tilt.py").write_text(next(text for text in blocks("python") if "class TiltingTable" in text))
     (tmp_path / "conf" / "system" / "tilt.yaml").write_text(blocks("yaml")[0])
     listing = (systems / "__init__.py").read_text()
     listing = listing.replace("from .sdob", "from .tilt import TiltingTable\nfrom .sdob").replace(
@@ -47,3 +47,9 @@ def test_every_option_that_the_readme_names_exists():
         named = set(re.findall(r"`(\w+)`", row))
         present = {path.stem for path in (ROOT / "conf" / group).glob("*.yaml")}
         assert named == present, group
+
+
+def test_the_example_of_maximum_likelihood_runs_as_printed(capsys):
+    exec(next(text for text in blocks("python") if "maximum_likelihood" in text), {})
+    shown = capsys.readouterr().out
+    assert "maximum_likelihood: converged" in shown and "mu_c" in shown

@@ -1,0 +1,92 @@
+"""Sentences on what the data do not tell, and which experiment would."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from .result import correlation_of, sentences
+from .space import Space
+
+HINTS = {
+    "v_s": "add slow starts and stops, at a few times v_s",
+    "mu_s": "add slow starts from rest",
+    "sigma_0": "add small reversals without sliding, sampled fast",
+    "sigma_1": "add abrupt stops, sampled fast enough to show the ringing",
+    "sigma_2": "add fast sliding at several speeds",
+    "mu_c": "add steady sliding",
+    "M": "add strong accelerations",
+}
+UNTOLD = 1.0  # standard error of a logarithm: a 95 % interval of a factor 50
+CORRELATED = 2.0  # samples over which residuals stay correlated before the model is doubted
+
+
+def untold(space: Space, u: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Mask of the parameters that do not move the output, or no differently than the others, shape (n,).
+
+    Args:
+        u: search vector.
+        information: Fisher information of u, shape (n, n).
+    """
+    T = space.jacobian(u)
+    covariance = T @ invert(information) @ T.T
+    value = np.where(space.scales > 0, space.scales, space.to_values(u))
+    error = np.sqrt(np.maximum(covariance.diagonal(), 0.0)) / np.maximum(np.abs(value), 1e-300)
+    alone = np.sqrt(np.maximum(information.diagonal(), 0.0))
+    return ~((error <= UNTOLD) & (alone * UNTOLD > 1.0))
+
+
+def invert(information: np.ndarray) -> np.ndarray:
+    """Inverse of a symmetric positive matrix whose entries differ by decades; infinite where singular."""
+    scale = 1 / np.sqrt(np.maximum(information.diagonal(), 1e-300))
+    scaled = information * scale[:, None] * scale
+    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
+    values = np.maximum(values, 1e-14)
+    return (vectors / values) @ vectors.T * scale[:, None] * scale
+
+
+def correlation_time(residuals: Sequence[np.ndarray]) -> float:
+    """Number of samples over which residuals stay correlated, 1 for white noise: 1 + 2 sum of autocorrelations.
+
+    The sum ends at the first autocorrelation below two standard errors.
+    """
+    rows = [r - 0.0 for r in residuals if len(r) > 20]
+    power = sum(float(r @ r) for r in rows)
+    if not rows or power == 0:
+        return 1.0
+    count, total = sum(len(r) for r in rows), 1.0
+    for lag in range(1, min(len(r) for r in rows) // 4):
+        rho = sum(float(r[lag:] @ r[:-lag]) for r in rows) / power
+        if rho < 2 / np.sqrt(count):
+            break
+        total += 2 * rho
+    return total
+
+
+def advise(
+    space: Space, covariance: np.ndarray, mask: np.ndarray, at: Sequence[str], slides: bool, memory_time: float
+) -> tuple[str, ...]:
+    """Sentences for the result: no sliding, parameters not told or at a bound, correlations, a model that lacks."""
+    result = []
+    if not slides:
+        result.append("the contact hardly slides in this recording: increase the excitation until it does")
+    for name, hidden in zip(space.names, mask, strict=True):
+        if hidden:
+            result.append(f"{name} does not show in these data: {HINTS.get(name, 'vary the excitation')}")
+    for name in at:
+        result.append(f"{name} ended at its bound: widen bounds.{name}, or hold it fixed")
+    result += sentences(space.names, np.nan_to_num(correlation_of(covariance)), HINTS)
+    if memory_time > CORRELATED:
+        result.append(
+            f"residuals stay correlated over {memory_time:.0f} samples: the model lacks something or its inputs are "
+            "filtered; intervals are widened for it"
+        )
+    return tuple(result)
+
+
+def widening(residuals: Mapping[str, Sequence[np.ndarray]]) -> float:
+    """Factor on the covariance for correlated residuals: their longest correlation time among the signals."""
+    times = [correlation_time(rows) for rows in residuals.values()]
+    longest = max(times, default=1.0)
+    return longest if longest > CORRELATED else 1.0

@@ -1,0 +1,118 @@
+"""From where a search ended to the estimate: noise levels, covariance, intervals, outcome, advice."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from .advice import advise, correlation_time, invert, untold, widening
+from .explore import information_of
+from .problem import Problem
+from .result import AT_BOUND, CONVERGED, FAILED, NO_EXCITATION, STOPPED, UNIDENTIFIED, Estimate, interval
+from .solve import Solution, State
+from .space import Space
+from .trial import TrialModel
+
+
+def estimated_sigmas(problem: Problem, models: Sequence[TrialModel], state: State) -> dict[str, float]:
+    """Noise standard deviations from the residuals, degrees of freedom taken off; given ones stay."""
+    result = {}
+    for name in problem.sigmas:
+        rows = [piece.residuals[name] for piece in state.pieces if name in piece.residuals]
+        r = np.concatenate(rows) if rows else np.zeros(0)
+        r = r[~np.isnan(r)]
+        used = sum(_freedom(model, name, problem.sigmas) for model in models)
+        if name in problem.channels.outputs:
+            used += (len(problem.names) + sum(len(m.states) for m in models)) / len(problem.channels.outputs)
+        keep = name in problem.given or len(r) < 2 * used + 5
+        floor = 1e-6 * float(np.sqrt(np.mean(r**2))) if len(r) else 0.0
+        result[name] = problem.sigmas[name] if keep else max(problem.loss.sigma(r, len(r) - used), floor, 1e-12)
+    return result
+
+
+def _freedom(model: TrialModel, name: str, sigmas: Mapping[str, float]) -> float:
+    """Spline coefficients that one input signal determines: trace of its share of the normal matrix."""
+    for item in model.inputs:
+        if name in item.names:
+            parts = [
+                design.T @ design / sigmas[signal] ** 2
+                for design, signal in zip(item.basis.design, item.names, strict=True)
+                if signal in sigmas
+            ]
+            own = [signal for signal in item.names if signal in sigmas].index(name)
+            return float(np.trace(np.linalg.solve(sum(parts), parts[own])))
+    return 0.0
+
+
+def finish(
+    problem: Problem,
+    models: Sequence[TrialModel],
+    solution: Solution,
+    sigmas: dict[str, float],
+    seconds: float,
+    n_simulations: int,
+    estimator: str = "maximum_likelihood",
+    others: Sequence[Solution] = (),
+) -> Estimate:
+    """Assemble the estimate from where the search ended; ``others`` are further minima, which widen its intervals."""
+    state, space = solution.state, problem.space
+    information = information_of([solution, *others])
+    low, high = space.limits
+    width = np.maximum(high - low, 1e-12)
+    at = (state.u - low < 1e-4 * width) | (high - state.u < 1e-4 * width)
+    mask = untold(space, state.u, information) & ~at
+    rows: dict[str, list[np.ndarray]] = {}
+    for piece in state.pieces:
+        for name in problem.channels.outputs:
+            rows.setdefault(name, []).append(np.nan_to_num(piece.residuals[name] / sigmas[name]))
+    flat = np.concatenate([r for columns in rows.values() for r in columns])
+    factor = widening(rows) * problem.loss.inflation(flat)
+    covariance = covariance_of(space, state.u, information, mask, at) * factor
+    p = np.where(mask, np.nan, space.to_values(state.u))
+    errors = np.sqrt(np.diag(covariance))
+    positive = space.scales == 0
+    slides = any(motion.fast.any() for motion in problem.motions)
+    names_at = [name for name, hit in zip(space.names, at, strict=True) if hit]
+    outcome = CONVERGED if solution.reason in ("converged", "stuck") else STOPPED
+    outcome = AT_BOUND if names_at else UNIDENTIFIED if mask.any() else outcome
+    outcome = NO_EXCITATION if not slides or mask.all() else outcome
+    memory_time = max(correlation_time(columns) for columns in rows.values())
+    return Estimate(
+        estimator, space.names, dict(zip(space.names, p.tolist(), strict=True)),
+        {name: problem.mechanism.units[name] for name in space.names}, covariance,
+        {n: interval(p[i], errors[i], bool(positive[i])) for i, n in enumerate(space.names)},
+        outcome, advise(space, covariance, mask, names_at, slides, memory_time), state.cost, n_simulations, seconds,
+        sigmas, {model.trial: piece.residuals for model, piece in zip(models, state.pieces, strict=True)},
+        {"state": state, "models": tuple(models), "iterations": solution.iterations, "reason": solution.reason},
+    )  # fmt: skip
+
+
+def covariance_of(
+    space: Space, u: np.ndarray, information: np.ndarray, hidden: np.ndarray, held: np.ndarray | None = None
+) -> np.ndarray:
+    """Covariance of the parameters in SI units, shape (n, n).
+
+    NaN for those that are ``held`` (at a bound: the others are given them) and those ``hidden`` in the data (unknown:
+    the others' errors include that).
+    """
+    held = np.zeros(len(u), dtype=bool) if held is None else held
+    inner = np.flatnonzero(~held)
+    result = np.full((len(u), len(u)), np.nan)
+    T = space.jacobian(u)[np.ix_(inner, inner)]
+    result[np.ix_(inner, inner)] = T @ invert(information[np.ix_(inner, inner)]) @ T.T
+    result[hidden, :] = result[:, hidden] = np.nan
+    return result
+
+
+def failed(problem: Problem, began: float, before: int) -> Estimate:
+    """The estimate of a problem that could not be simulated at any start."""
+    n, nan = len(problem.names), float("nan")
+    advice = "no start within the bounds could be simulated: check bounds, units and the mechanism's parameters"
+    return Estimate(
+        "maximum_likelihood", problem.names, dict.fromkeys(problem.names, nan),
+        {name: problem.mechanism.units[name] for name in problem.names}, np.full((n, n), nan),
+        dict.fromkeys(problem.names, (nan, nan)), FAILED, (advice,), nan, problem.simulations - before,
+        time.perf_counter() - began, dict(problem.sigmas),
+    )  # fmt: skip

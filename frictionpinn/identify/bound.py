@@ -1,0 +1,201 @@
+"""What a recording can tell before any fit: the Cramer-Rao bound, and which experiment to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..data.recording import Recording
+from ..data.simulated import simulate_recording
+from ..errors import UserError
+from ..numerics.simulate import ContactLost, SimulationFailed
+from ..physics.mechanism import Mechanism
+from .advice import HINTS, untold
+from .assemble import covariance_of
+from .likelihood import with_bristle
+from .problem import Problem
+from .result import correlation_of, sentences
+from .solve import reduced
+from .space import Space
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Smallest covariance that an unbiased estimator can have.
+
+    Attributes:
+        names: parameters, in the mechanism's order.
+        values: name -> value at which it holds, SI units.
+        covariance: SI units, shape (n, n); NaN for parameters that do not show in the data.
+        information: Fisher information of the search vector of ``space``, shape (n, n).
+        space: parameters and the coordinates of ``information``.
+    """
+
+    names: tuple[str, ...]
+    values: dict[str, float]
+    covariance: np.ndarray
+    information: np.ndarray
+    space: Space
+
+    @property
+    def relative(self) -> dict[str, float]:
+        """name -> least standard error over the value."""
+        deviations = np.sqrt(np.diag(self.covariance))
+        return {name: float(s) / abs(self.values[name]) for name, s in zip(self.names, deviations, strict=True)}
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation matrix, shape (n, n)."""
+        return correlation_of(self.covariance)
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """Sentences on what these data cannot tell or not separate."""
+        hidden = [name for name, s in self.relative.items() if not np.isfinite(s)]
+        told = [f"{name} does not show in these data: {HINTS.get(name, 'vary the excitation')}" for name in hidden]
+        return (*told, *sentences(self.names, np.nan_to_num(self.correlation), HINTS))
+
+
+def _bound(space: Space, u: np.ndarray, information: np.ndarray) -> Bound:
+    covariance = covariance_of(space, u, information, untold(space, u, information))
+    values = dict(zip(space.names, space.to_values(u).tolist(), strict=True))
+    return Bound(space.names, values, covariance, information, space)
+
+
+def bound(
+    mechanism: Mechanism,
+    recording: Recording,
+    values: Mapping[str, float],
+    *,
+    sigmas: Mapping[str, float] | None = None,
+    inputs: str = "joint",
+    **options: Any,
+) -> Bound:
+    """Cramer-Rao bound of the parameters: the inverse of the Fisher information sum (dy/dp)' (dy/dp) / sigma^2.
+
+    Initial states, and with ``inputs="joint"`` the paths of the noisy inputs, are unknown too and eliminated.
+
+    Args:
+        mechanism: the model.
+        recording: its times and inputs count; simulated without noise or measured.
+        values: parameters at which the bound holds, by name.
+        sigmas: noise standard deviations by signal, SI units; None: estimated from the recording.
+        inputs: "joint" (as noisy as they are measured) or "known" (exact).
+        options: of :class:`Problem`: free, fixed, initial, windows.
+
+    Raises:
+        UserError: names or signals that do not fit; the mechanism cannot be simulated at these values.
+    """
+    return bound_of(Problem(mechanism, recording, sigmas=sigmas, inputs=_known(inputs), **options), values)
+
+
+def bound_of(problem: Problem, values: Mapping[str, float]) -> Bound:
+    """Cramer-Rao bound of a problem at parameter values, see :func:`bound`."""
+    missing = [name for name in problem.names if name not in values]
+    if missing:
+        raise UserError("parameter without a value", where="values", received=", ".join(values), allowed=missing[0])
+    p = np.array([float(values[name]) for name in problem.names])
+    space = replace(problem.space, low=np.minimum(problem.space.low, p), high=np.maximum(problem.space.high, p))
+    problem.space, u = space, space.to_search(p)
+    models = with_bristle(problem, u)
+    state = problem.evaluate(models, u, [model.local[: model.size(problem.joint)] for model in models], True)
+    if state is None:
+        raise UserError("the mechanism cannot be simulated at these values", where="values", received=dict(values))
+    return _bound(space, u, reduced(state)[0])
+
+
+def _known(inputs: str) -> str:
+    return "fixed" if inputs == "known" else inputs
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One candidate experiment.
+
+    Attributes:
+        candidate: as given.
+        relative: name -> least relative standard error with the present data and this experiment.
+        gain: factor by which it divides the volume of the confidence region (D-optimality), per parameter.
+        failure: why it cannot be done (contact lost); empty otherwise.
+    """
+
+    candidate: Mapping[str, Any]
+    relative: dict[str, float]
+    gain: float
+    failure: str = ""
+
+
+def rank_experiments(
+    mechanism: Mechanism,
+    values: Mapping[str, float],
+    candidates: Sequence[Mapping[str, Any]],
+    *,
+    rate_hz: float,
+    sigmas: Mapping[str, float],
+    present: Recording | None = None,
+    target: str | None = None,
+    inputs: str = "joint",
+    **options: Any,
+) -> list[Ranked]:
+    """Rank candidate excitations by the bound that they would give when added to the present data; best first.
+
+    Information adds over trials, so that each candidate is simulated once.
+
+    Args:
+        mechanism: the model.
+        values: parameters at which to plan, by name (an estimate's).
+        candidates: trials as in the configuration: ``duration``, an expression of time for every driven coordinate
+            and input, ``initial``, ``constants``.
+        rate_hz: samples per second.
+        sigmas: noise standard deviations by signal, SI units.
+        present: recording at hand; None: the experiment stands alone.
+        target: parameter whose standard error ranks; None: the volume of the confidence region (D-optimal).
+        inputs, options: see :func:`bound`.
+
+    Raises:
+        UserError: an unknown target, or a candidate that cannot be read.
+    """
+    base = None
+    if present is not None:
+        base = bound(mechanism, present, values, sigmas=sigmas, inputs=inputs, **options)
+    law, ranked = [par.name for par in mechanism.law.parameters], []
+    for candidate in candidates:
+        try:
+            truth = {name: value for name, value in values.items() if name in law}
+            system = _with(mechanism, values)
+            recording = simulate_recording(system, mechanism.law.name, truth, [candidate], rate_hz)
+            own = bound(mechanism, recording, values, sigmas=sigmas, inputs=inputs, **options)
+        except (ContactLost, SimulationFailed) as error:
+            ranked.append(Ranked(candidate, {}, 0.0, str(error)))
+            continue
+        if target is not None and target not in own.names:
+            raise UserError("unknown target", where="target", received=target, allowed=", ".join(own.names))
+        ranked.append(_ranked(candidate, own, base))
+    return sorted(ranked, key=lambda r: (bool(r.failure), _error(r, target) if target else -r.gain))
+
+
+def _error(ranked: Ranked, target: str) -> float:
+    value = ranked.relative.get(target, np.inf)
+    return value if np.isfinite(value) else np.inf
+
+
+def _ranked(candidate: Mapping[str, Any], own: Bound, base: Bound | None) -> Ranked:
+    u = own.space.to_search(np.array([own.values[name] for name in own.names]))
+    before = base.information if base is not None else np.zeros_like(own.information)
+    total = _bound(own.space, u, before + own.information)
+    with np.errstate(divide="ignore"):
+        volumes = [np.linalg.slogdet(M + 1e-9 * np.eye(len(u)))[1] for M in (before, total.information)]
+    return Ranked(candidate, total.relative, float(np.exp((volumes[1] - volumes[0]) / 2 / len(u))))
+
+
+def _with(mechanism: Mechanism, values: Mapping[str, float]):
+    """The system with the values' parameters."""
+    own = {par.name for par in mechanism.system.parameters} & set(values)
+    if not own:
+        return mechanism.system
+    system = mechanism.system
+    given: Any = {**system.values, **{name: float(values[name]) for name in own}}
+    return type(system)(system.equations, system.driven, **given)

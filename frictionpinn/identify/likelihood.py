@@ -1,0 +1,153 @@
+"""Maximum likelihood on simulated trajectories, noisy inputs estimated with the parameters."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..data.recording import Recording
+from ..errors import UserError
+from ..numerics.simulate import ContactLost, SimulationFailed
+from ..physics.mechanism import Mechanism
+from .assemble import estimated_sigmas, failed, finish
+from .explore import descend, explore
+from .problem import Problem
+from .result import Estimate
+from .solve import Solution, levenberg_marquardt
+from .start import coarse_design, ridge_grid, search
+from .trial import TrialModel
+
+RIVAL = 15.0  # log-likelihood: a start that is worse by more is not tried on the whole trials
+ELSEWHERE = 0.1  # in log u: starts that are closer are the same
+REACH = 2.0  # times the largest friction force: how far from zero the initial bristle force may be
+GIVEN = "as given"  # a start that is fitted even where it looks poor over windows
+NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
+
+
+def _windows(problem: Problem) -> tuple[TrialModel, ...]:
+    return tuple(window for motion in problem.motions for window in motion.windows())
+
+
+def _evaluator(problem: Problem, models: Sequence[TrialModel], joint: bool, sigmas: Mapping[str, float] | None = None):
+    def evaluate(u, locals_, derivatives, **options):
+        return problem.evaluate(models, u, locals_, derivatives, joint=joint, sigmas=sigmas, **options)
+
+    return evaluate
+
+
+def find_start(problem: Problem, given: Mapping[str, float] | None = None) -> list[Solution]:
+    """Fits over short windows to start whole trials from, best first; ``given`` is tried beside the search's."""
+    windows = _windows(problem)
+    locals_ = [model.local for model in windows]
+    evaluate, space = _evaluator(problem, windows, False), problem.space
+    own = []
+    if given is not None:
+        p = np.array([(problem.start | dict(given))[name] for name in space.names], dtype=float)
+        own = search(evaluate, space, locals_, [p], 1, iterations=20, decrease=0.3)
+        asis = evaluate(space.to_search(p), locals_, False)
+        if asis is not None:  # the inputs' noise may lead the refinement astray: the start itself is tried too
+            own.append(Solution(asis, 0, 1, GIVEN))
+    points = coarse_design(space, problem.start, problem.mass, problem.fixed)
+    found = search(evaluate, space, locals_, points, 2, iterations=6, decrease=2.0)
+    grid = ridge_grid(space, space.to_values(found[0].state.u), problem.fixed) if found else []
+    if grid:
+        found += search(evaluate, space, found[0].state.locals, grid, 2, iterations=10, decrease=0.3)
+    return sorted([*own, *found], key=lambda solution: solution.state.cost)
+
+
+def with_bristle(problem: Problem, u: np.ndarray) -> tuple[TrialModel, ...]:
+    """Trial models whose initial bristle force starts in equilibrium at these parameters."""
+    p, result = problem.values(u), []
+    for model in problem.trials:
+        if "z" not in model.states:
+            result.append(model)
+            continue
+        start = {name: value for name, value in model.start.items() if name != "z"}
+        steady = replace(model, states=(), start=start, inputs=(), base=model.path(model.local), directions=None)
+        run = steady.simulate(p, np.zeros(0))
+        force = {"z": float(run.z[0]) * p.get("sigma_0", 1.0)}
+        result.append(replace(model, start=model.start | force, force_scale=REACH * float(np.abs(run.F).max()) or 1.0))
+    return tuple(result)
+
+
+def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, float]) -> tuple[Solution, tuple] | None:
+    """Fit the whole trials from the best start, and from the others that are about as good but elsewhere."""
+    best: tuple[Solution, tuple[TrialModel, ...]] | None = None
+    tried: list[np.ndarray] = []
+    for start in starts:
+        poor = start.state.cost > starts[0].state.cost + RIVAL and start.reason != GIVEN
+        if poor or any(np.abs(start.state.u - u).max() < ELSEWHERE for u in tried):
+            continue
+        tried.append(start.state.u)
+        try:
+            models = with_bristle(problem, start.state.u)
+        except (ContactLost, SimulationFailed):
+            continue
+        evaluate = _evaluator(problem, models, problem.joint, sigmas)
+        locals_ = [model.local[: model.size(problem.joint)] for model in models]
+        first = evaluate(start.state.u, locals_, True)
+        if first is None:
+            continue
+        found = descend(evaluate, first, problem.space.limits, best[0].state.cost if best else np.inf)
+        if best is None or found.state.cost < best[0].state.cost:
+            best = found, models
+    return best
+
+
+def maximum_likelihood(
+    mechanism: Mechanism | Problem,
+    recording: Recording | None = None,
+    *,
+    start: Mapping[str, float] | None = None,
+    **options,
+) -> Estimate:
+    """Estimate the free parameters by maximum likelihood on simulated trajectories.
+
+    Minimises sum_signals sum_samples ((model - measured) / sigma)^2 / 2 over the parameters, the initial states and,
+    with ``inputs="joint"``, the spline coefficients of the noisy inputs of every trial.
+
+    Args:
+        mechanism: the model, or a :class:`Problem`.
+        recording: what was measured; not with a problem.
+        start: parameter values to start from as well, by name (a trained PE's).
+        options: see :class:`Problem`.
+
+    Returns:
+        The estimate with 95 % intervals from the curvature of the likelihood.
+
+    Raises:
+        UserError: names, bounds or signals that do not fit the mechanism.
+    """
+    began = time.perf_counter()
+    if isinstance(mechanism, Problem):
+        problem = mechanism
+    elif recording is None:
+        raise UserError("no recording to estimate from", where="maximum_likelihood", fix="give a recording")
+    else:
+        problem = Problem(mechanism, recording, **options)
+    before = problem.simulations
+    starts = find_start(problem, start)
+    sigmas = dict(problem.sigmas)
+    best = _whole(problem, starts, sigmas) if starts else None
+    if best is None:
+        return failed(problem, began, before)
+    solution, models = best
+    minima = explore(_evaluator(problem, models, problem.joint, sigmas), solution, problem.space.limits)
+    solution = minima[0]
+    for _ in range(NOISE_ROUNDS if len(problem.given) < len(problem.sigmas) else 0):
+        new = estimated_sigmas(problem, models, solution.state)
+        change = max(abs(np.log(new[name] / sigmas[name])) for name in new)
+        sigmas = new
+        evaluate = _evaluator(problem, models, problem.joint, sigmas)
+        first = evaluate(solution.state.u, solution.state.locals, True)
+        if first is None:
+            break
+        if change < SETTLED:
+            solution = replace(solution, state=first)
+            break
+        solution = levenberg_marquardt(evaluate, first, problem.space.limits, iterations=20)
+    spent = time.perf_counter() - began, problem.simulations - before
+    return finish(problem, models, solution, sigmas, *spent, others=minima[1:])

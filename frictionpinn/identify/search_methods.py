@@ -1,0 +1,168 @@
+"""Search methods that people use: Nelder-Mead, a genetic algorithm, nonlinear least squares by finite differences.
+
+All search the same coordinates within the same bounds, from the same start, on the same simulator and the same cost as
+maximum likelihood, with the inputs fixed at their smoothed paths: what differs is the method.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import optimize
+
+from .likelihood import failed, finish
+from .problem import Problem
+from .result import CONVERGED, STOPPED, Estimate
+from .solve import Solution
+
+NO_MODEL = 1e12  # cost of parameters at which the mechanism cannot be simulated
+
+
+@dataclass
+class Objective:
+    """Cost of a parameter vector u, counted, with the best so far over time.
+
+    Attributes:
+        trace: one row for each improvement: seconds, simulations of the whole recording, cost.
+        path: the parameters (SI units, in the problem's order) of each row.
+    """
+
+    problem: Problem
+    budget: float = np.inf
+    count: int = 0
+    best: float = np.inf
+    u: np.ndarray | None = None
+    trace: list[tuple[float, int, float]] = field(default_factory=list)
+    path: list[np.ndarray] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.began = time.perf_counter()
+        self.models = self.problem.trials
+        self.locals = [model.local[: model.size(False)] for model in self.models]
+        self.limits = self.problem.space.limits
+
+    def state(self, u: np.ndarray, derivatives: bool = False):
+        """The problem's state at u, moved inside the bounds; None where it cannot be simulated."""
+        self.count += 1
+        return self.problem.evaluate(self.models, np.clip(u, *self.limits), self.locals, derivatives, joint=False)
+
+    def _note(self, u: np.ndarray, cost: float) -> None:
+        if cost < self.best:
+            self.best, self.u = cost, np.clip(u, *self.limits)
+            self.trace.append((time.perf_counter() - self.began, self.count, cost))
+            self.path.append(self.problem.space.to_values(self.u))
+
+    def __call__(self, u: np.ndarray) -> float:
+        state = self.state(u)
+        cost = NO_MODEL if state is None else state.cost
+        self._note(u, cost)
+        if self.count >= self.budget:
+            raise StopIteration
+        return cost
+
+    def residuals(self, u: np.ndarray) -> np.ndarray:
+        """Weighted residuals of all signals and trials; half their sum of squares is the cost."""
+        state = self.state(u)
+        if state is None:
+            size = sum(model.y.size for model in self.models)
+            return np.full(size, np.sqrt(2 * NO_MODEL / size))
+        parts = [
+            np.nan_to_num(piece.residuals[name] / self.problem.sigmas[name])
+            for piece in state.pieces
+            for name in self.problem.channels.outputs
+        ]
+        self._note(u, state.cost)
+        if self.count >= self.budget:
+            raise StopIteration
+        return np.concatenate(parts)
+
+
+Method = Callable[[Objective, np.ndarray, int], bool]
+
+
+def _nelder_mead(objective: Objective, start: np.ndarray, seed: int) -> bool:
+    options = {"xatol": 1e-4, "fatol": 1e-4, "maxiter": 100_000, "maxfev": 100_000, "adaptive": True}
+    bounds = list(zip(*objective.limits, strict=True))
+    return bool(optimize.minimize(objective, start, method="Nelder-Mead", bounds=bounds, options=options).success)
+
+
+def _least_squares(objective: Objective, start: np.ndarray, seed: int) -> bool:
+    low, high = objective.limits
+    inner = np.clip(start, low + 1e-9, high - 1e-9)
+    found = optimize.least_squares(objective.residuals, inner, bounds=(low, high), x_scale=np.maximum(high - low, 1e-6))
+    return found.status > 0
+
+
+def _genetic(objective: Objective, start: np.ndarray, seed: int) -> bool:
+    from pymoo.algorithms.soo.nonconvex.ga import GA
+    from pymoo.core.problem import ElementwiseProblem
+    from pymoo.optimize import minimize
+    from pymoo.termination.default import DefaultSingleObjectiveTermination
+
+    low, high = objective.limits
+
+    class Wrapped(ElementwiseProblem):
+        def __init__(self):
+            super().__init__(n_var=len(low), n_obj=1, xl=low, xu=high)
+
+        def _evaluate(self, x, out, *args, **kwargs):
+            out["F"] = objective(x)
+
+    rng = np.random.default_rng(seed)
+    population = rng.uniform(low, high, size=(100, len(low)))
+    population[0] = np.clip(start, low, high)
+    end = DefaultSingleObjectiveTermination(n_max_gen=200, n_max_evals=10**9)
+    minimize(Wrapped(), GA(pop_size=100, sampling=population), end, seed=seed, verbose=False)
+    return True
+
+
+METHODS: dict[str, Method] = {
+    "nelder_mead": _nelder_mead,
+    "least_squares": _least_squares,
+    "genetic": _genetic,
+}
+
+
+def search(
+    method: str,
+    problem: Problem,
+    *,
+    start: Mapping[str, float] | None = None,
+    seed: int = 0,
+    simulations: float = np.inf,
+) -> Estimate:
+    """Estimate the parameters by one of ``METHODS``.
+
+    Args:
+        method: nelder_mead (scipy, adaptive), least_squares (scipy, trust region, two-point differences) or genetic
+            (pymoo's GA, population of 100, at most 200 generations; its first individual is the start).
+        problem: model, data and bounds.
+        start: parameter values, SI units; those not named start from the scale of the data.
+        seed: of the genetic algorithm.
+        simulations: most simulations of the whole recording.
+
+    Returns:
+        The estimate; ``details["trace"]`` holds seconds, simulations and cost of every improvement, and
+        ``details["path"]`` the parameters of each. Its intervals come from the curvature there and take the inputs as
+        known exactly.
+    """
+    objective = Objective(problem, budget=simulations)
+    before, values = problem.simulations, problem.start | dict(start or {})
+    u = problem.space.to_search(np.array([values[name] for name in problem.names], dtype=float))
+    try:
+        done = METHODS[method](objective, u, seed)
+    except StopIteration:
+        done = False
+    seconds = time.perf_counter() - objective.began
+    state = None if objective.u is None else objective.state(objective.u, derivatives=True)
+    if state is None:
+        return replace(failed(problem, objective.began, before), estimator=method)
+    solution = Solution(state, len(objective.trace), objective.count, "converged" if done else "budget")
+    count = problem.simulations - before
+    estimate = finish(problem, objective.models, solution, dict(problem.sigmas), seconds, count, method)
+    details = {**estimate.details, "trace": objective.trace, "path": objective.path}
+    outcome = STOPPED if not done and estimate.outcome == CONVERGED else estimate.outcome
+    return replace(estimate, details=details, outcome=outcome)

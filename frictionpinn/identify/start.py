@@ -1,0 +1,150 @@
+"""A start that needs no luck: regression, a coarse design, short windows, a finer grid where minima are many.
+
+Simulated over whole trials, the likelihood has many local minima: a slip that comes too late or not at all shifts all
+that follows. Over windows that each hold one stretch of low speed and start in steady sliding or at rest, errors do
+not add up. There the stiffness and damping of the bristles come out right from nearly any start, and what is left is
+the ridge along which static friction and Stribeck velocity move together: a grid along it finds its lowest point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import qmc
+
+from ..models.start import DECADES
+from ..physics.mechanism import Mechanism
+from .motion import Motion, effective_mass, sliding_regression
+from .solve import Evaluate, Solution, State, levenberg_marquardt
+from .space import Space
+
+DESIGNED = ("sigma_0", "sigma_1", "mu_s", "v_s")  # what the sliding samples do not tell
+SIZES = {0: 1, 1: 32, 2: 32, 3: 64, 4: 64}  # points of the coarse design by number of such parameters
+DAMPING_RATIO = (0.03, 1.0)
+STATIC_RATIO = (1.05, 4.0)  # mu_s / mu_c
+RIDGE = (6, 8)  # grid over mu_s / mu_c and v_s
+SLOPPY = {"rtol": 1e-3, "atol": 1e-4}  # for ranking
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Start values by name, SI units, and the mass that the contact feels (None where no inertia takes part)."""
+
+    start: dict[str, float]
+    mass: float | None
+
+
+def data_start(
+    mechanism: Mechanism, motions: Sequence[Motion], fixed: Mapping[str, float], names: Sequence[str]
+) -> Scales:
+    """Start values of the free parameters: regression where that tells, orders of magnitude elsewhere."""
+    values = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values | dict(fixed)
+    known = {name: 1.0 if value is None else float(value) for name, value in values.items()}
+    found = sliding_regression(mechanism, motions, known, names)
+    known |= found
+    mass = effective_mass(mechanism, motions, known)
+    v = np.concatenate([motion.v_slip for motion in motions])
+    t = [np.gradient(motion.v_slip, motion.model.t) for motion in motions]
+    velocity = float(np.sqrt(np.mean(v**2))) or 1.0
+    acceleration = float(np.sqrt(np.mean(np.concatenate(t) ** 2))) or 1.0
+    mu_c = found.get("mu_c", known.get("mu_c", 1.0))
+    force = mu_c * _normal(motions)
+    stiffness = fixed.get("sigma_0", force / (1e-2 * velocity**2 / acceleration))
+    damping = np.sqrt(stiffness * mass) if mass else 1e-2 * stiffness * velocity / acceleration
+    rough = {
+        "mu_c": mu_c, "mu_s": 1.5 * mu_c, "v_s": 0.02 * velocity, "sigma_0": stiffness, "sigma_1": damping,
+        "sigma_2": 0.1 * force / velocity,
+    }  # fmt: skip
+    return Scales({name: float(found.get(name, rough.get(name, known[name]))) for name in names}, mass)
+
+
+def default_bounds(
+    mechanism: Mechanism, start: Mapping[str, float], given: Mapping[str, Sequence[float]]
+) -> dict[str, Sequence[float]]:
+    """Bounds around the start where none are given: a decade for friction coefficients and masses, else two."""
+    wide, table = ("sigma_0", "sigma_1", "sigma_2", "v_s"), {par.name: par for par in mechanism.parameters}
+    result: dict[str, Sequence[float]] = {}
+    for name, value in start.items():
+        if given.get(name) is not None:
+            result[name] = tuple(given[name])
+        elif table[name].low >= 0:
+            factor, least = 10**DECADES if name in wide else 10.0, max(table[name].low, 1e-12)
+            low = min(max(abs(value) / factor, least), 0.5 * table[name].high)
+            result[name] = (low, min(max(abs(value) * factor, 10 * low), table[name].high))
+    return {**dict(given), **result}
+
+
+def coarse_design(space: Space, start: Mapping[str, float], mass: float | None, fixed: Mapping[str, float]):
+    """Parameter vectors, spread evenly (Sobol) over the bounds of what the sliding samples do not tell."""
+    dims = [name for name in DESIGNED if name in space.names]
+    points = qmc.Sobol(max(len(dims), 1), seed=0).random(SIZES[len(dims)])
+    low, high = dict(zip(space.names, space.low, strict=True)), dict(zip(space.names, space.high, strict=True))
+    result = []
+    for point in points:
+        p = dict(start)
+        for name, x in zip(dims, point, strict=False):
+            if name == "sigma_1" and mass:
+                stiffness = p.get("sigma_0", fixed.get("sigma_0", 1.0))
+                p[name] = 2 * _between(*DAMPING_RATIO, x) * np.sqrt(stiffness * mass)
+            elif name == "mu_s":
+                p[name] = p.get("mu_c", fixed.get("mu_c", 1.0)) * _between(*STATIC_RATIO, x)
+            else:
+                p[name] = _between(low[name], high[name], x)
+        result.append(np.array([p[name] for name in space.names]))
+    return result
+
+
+def ridge_grid(space: Space, p: np.ndarray, fixed: Mapping[str, float]) -> list[np.ndarray]:
+    """Vectors that differ from p in mu_s / mu_c and v_s; empty where not both are free."""
+    if not {"mu_s", "v_s"} <= set(space.names):
+        return []
+    i, j = space.names.index("mu_s"), space.names.index("v_s")
+    mu_c = p[space.names.index("mu_c")] if "mu_c" in space.names else fixed["mu_c"]
+    result = []
+    for ratio in np.geomspace(*STATIC_RATIO, RIDGE[0]):
+        for v_s in np.geomspace(space.low[j], space.high[j], RIDGE[1]):
+            result.append(p.copy())
+            result[-1][i], result[-1][j] = ratio * mu_c, v_s
+    return result
+
+
+def search(
+    evaluate: Evaluate, space: Space, locals_: Sequence[np.ndarray], points: Sequence[np.ndarray], best: int, **options
+) -> list[Solution]:
+    """Rank parameter vectors by a cheap simulation and refine the best few; lowest cost first.
+
+    Args:
+        evaluate: (u, locals, derivatives, **simulator's options) -> State or None.
+        locals_: local unknowns that every vector starts with.
+        points: parameter vectors, SI units.
+        best: how many are refined.
+        options: of the Levenberg-Marquardt search.
+    """
+    ranked: list[tuple[float, State]] = []
+    for p in points:
+        state = evaluate(space.to_search(p), locals_, False, **SLOPPY) if len(points) > 1 else None
+        if len(points) == 1:
+            state = evaluate(space.to_search(p), locals_, False)
+        if state is not None:
+            ranked.append((state.cost, state))
+    ranked.sort(key=lambda item: item[0])
+    found = []
+    for _, state in ranked[:best]:
+        first = evaluate(state.u, locals_, True)
+        if first is not None:
+            found.append(levenberg_marquardt(evaluate, first, space.limits, **options))
+    return sorted(found, key=lambda solution: solution.state.cost)
+
+
+def _between(low: float, high: float, x: float) -> float:
+    return float(np.exp(np.log(low) + x * np.log(high / low)))
+
+
+def _normal(motions: Sequence[Motion]) -> float:
+    from .motion import _defaults, _function
+
+    mechanism = motions[0].model.simulator.mechanism
+    f, p = _function(mechanism, mechanism.system.N), _defaults(mechanism)
+    return max(float(np.mean([np.mean(np.abs(f(motion.signals, p))) for motion in motions])), 1e-12)

@@ -1,0 +1,119 @@
+"""One call for every estimator: maximum likelihood, search methods, networks."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import numpy as np
+
+from ..data.contact import contact_trials
+from ..data.module import TrajectoryData
+from ..data.recording import Recording
+from ..errors import choose
+from ..identify.likelihood import maximum_likelihood
+from ..identify.problem import Problem
+from ..identify.result import CONVERGED, Estimate
+from ..identify.search_methods import METHODS, search
+from ..physics.mechanism import Mechanism
+from .build import Config, build_model, build_smoothing
+from .train import build_trainer, quiet
+
+NETWORKS = ("pe1", "pe2")
+ESTIMATORS = ("maximum_likelihood", *METHODS, *NETWORKS)
+CONFIG = Path(__file__).resolve().parents[2] / "conf"
+
+
+def estimate(
+    method: str,
+    mechanism: Mechanism,
+    recording: Recording,
+    *,
+    start: Mapping[str, float] | None = None,
+    seed: int = 0,
+    epochs: int | None = None,
+    simulations: float = np.inf,
+    **options: Any,
+) -> Estimate:
+    """Estimate the parameters of a mechanism's friction law from a recording.
+
+    Args:
+        method: one of ``ESTIMATORS``.
+        mechanism: system and friction law.
+        recording: what was measured, noise included, SI units.
+        start: start values by name, SI units; the others come from the data.
+        seed: of the genetic algorithm and of the networks.
+        epochs: of the networks' training; None: as configured.
+        simulations: most simulations of the whole recording, for the search methods.
+        options: of :class:`frictionpinn.identify.Problem` (bounds, fixed, sigmas, windows, loss ...).
+
+    Raises:
+        UserError: an unknown method; names, bounds or signals that do not fit.
+    """
+    choose(method, dict.fromkeys(ESTIMATORS), "estimator")
+    if method in NETWORKS:
+        return network(method, mechanism, recording, start, seed, epochs, options)
+    problem = Problem(mechanism, recording, **options)
+    if method == "maximum_likelihood":
+        return maximum_likelihood(problem, start=start)
+    return search(method, problem, start=start, seed=seed, simulations=simulations)
+
+
+def default_config(overrides: list[str]) -> Config:
+    """The training configuration in conf/ with overrides, as plain values."""
+    from hydra import compose, initialize_config_dir
+    from hydra.core.global_hydra import GlobalHydra
+    from omegaconf import OmegaConf
+
+    GlobalHydra.instance().clear()
+    with initialize_config_dir(str(CONFIG), version_base="1.3"):
+        return OmegaConf.to_container(compose("train", overrides=overrides), resolve=True)  # type: ignore[return-value]
+
+
+def network(
+    variant: str,
+    mechanism: Mechanism,
+    recording: Recording,
+    start: Mapping[str, float] | None,
+    seed: int,
+    epochs: int | None,
+    options: Mapping[str, Any],
+) -> Estimate:
+    """Train a PE on every trial of the recording; a network has no intervals of its own."""
+    began = time.perf_counter()
+    quiet()
+    cfg = default_config([f"model={variant}", f"system={mechanism.system.name}", f"friction={mechanism.law.name}"])
+    cfg["trainer"] |= {"progress_bar": False} | ({"max_epochs": epochs} if epochs else {})
+    for key, table in (("start", start), ("bounds", options.get("bounds")), ("fixed", options.get("fixed"))):
+        cfg["friction"][key] = (cfg["friction"].get(key) or {}) | dict(table or {})
+    L.seed_everything(seed, verbose=False)
+    offline, online = build_smoothing(cfg["smoothing"])
+    trials = contact_trials(recording, mechanism.system, offline, online, recording.names)
+    data = TrajectoryData(recording, trials, {"train": recording.names, "validation": [], "held_out": []})
+    model = build_model(cfg, mechanism.system, data)
+    data.prepare_for(model)
+    with tempfile.TemporaryDirectory() as folder:
+        build_trainer(cfg, Path(folder), validation=False).fit(model, datamodule=data)
+    values = model.physical()
+    names = tuple(name for name in values if name in model.law_parameters.raw)  # type: ignore[operator, union-attr]
+    nan = float("nan")
+    advice = ("a network gives no intervals: start maximum likelihood from its values (refine=true)",)
+    return Estimate(
+        variant,
+        names,
+        {name: values[name] for name in names},
+        {name: mechanism.units[name] for name in names},
+        np.full((len(names), len(names)), nan),
+        dict.fromkeys(names, (nan, nan)),
+        CONVERGED,
+        advice,
+        nan,
+        0,
+        time.perf_counter() - began,
+        {},
+        details={"loss": {name: float(value) for name, value in model.parts.items()}},
+    )

@@ -1,0 +1,93 @@
+"""The Cramer-Rao bound, and the experiment that it recommends."""
+
+import numpy as np
+import pytest
+from cases import case
+
+from frictionpinn.data.noise import GaussianNoise
+from frictionpinn.data.recording import Recording
+from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.errors import UserError
+from frictionpinn.identify import bound, maximum_likelihood, rank_experiments
+
+ALL = (0, 1, 2, 3, 4, 5)
+
+
+def test_bound_of_the_protocol_is_the_published_one():
+    mechanism, truth, clean, _, levels = case("pob", "lugre", ALL, 400.0)
+    joint = bound(mechanism, clean, truth, sigmas=levels)
+    expected = {"sigma_0": 2.7, "sigma_1": 1.7, "sigma_2": 2.2, "mu_c": 0.04, "mu_s": 12.0, "v_s": 14.0}
+    for name, percent in expected.items():
+        assert 100 * joint.relative[name] == pytest.approx(percent, rel=0.25)
+    i, j = joint.names.index("mu_s"), joint.names.index("v_s")
+    assert joint.correlation[i, j] == pytest.approx(-0.98, abs=0.01)
+    assert any(text.startswith("mu_s and v_s move together") for text in joint.advice)
+    known = bound(mechanism, clean, truth, sigmas=levels, inputs="known")
+    assert all(known.relative[name] < joint.relative[name] for name in truth)
+
+
+def test_bound_falls_with_the_square_root_of_the_data_and_grows_with_the_noise():
+    mechanism, truth, clean, _, levels = case("drive", "dahl", (0, 1))
+    once = bound(mechanism, clean, truth, sigmas=levels)
+    copies = [t.__class__(t.name + c, t.t, t.signals) for t in clean.trials for c in "abcd"]
+    four = bound(mechanism, Recording(tuple(copies), clean.units), truth, sigmas=levels)
+    noisier = bound(mechanism, clean, truth, sigmas={name: 2 * value for name, value in levels.items()})
+    for name in truth:
+        assert four.relative[name] == pytest.approx(once.relative[name] / 2, rel=0.02)
+        assert 1.2 < noisier.relative[name] / once.relative[name] < 2.1  # fewer knots suit noisier inputs
+
+
+def test_parameters_without_effect_are_named():
+    mechanism, truth, _, _, levels = case("pob", "lugre", (0,))
+    sticking = [{"duration": 2.0, "theta": "20*deg*sin(2*pi*t)"}]
+    clean = simulate_recording(mechanism.system, "lugre", truth, sticking, 200.0)
+    found = bound(mechanism, clean, truth, sigmas=levels)
+    assert np.isnan(found.relative["v_s"])
+    assert any(text.startswith("v_s does not show") for text in found.advice)
+
+
+def test_proposed_experiment_shrinks_the_interval_as_predicted():
+    mechanism, truth, clean, noisy, levels = case("drive", "lugre", (0, 1), 400.0)
+    candidates = [{"duration": 2.0, "force": f"{a}*sin(2*pi*{f}*t)"} for a, f in ((2, 1), (4, 0.5), (5, 2), (8, 1))]
+    ranked = rank_experiments(mechanism, truth, candidates, rate_hz=400.0, sigmas=levels, present=clean, target="v_s")
+    errors = [item.relative["v_s"] for item in ranked]
+    assert errors == sorted(errors)
+    best = simulate_recording(mechanism.system, "lugre", truth, [ranked[0].candidate | {"name": "new"}], 400.0)
+    both = Recording((*clean.trials, *best.trials), clean.units)
+    before = bound(mechanism, clean, truth, sigmas=levels).relative["v_s"]
+    assert bound(mechanism, both, truth, sigmas=levels).relative["v_s"] == pytest.approx(errors[0], rel=0.05)
+    trials = tuple(
+        t.__class__(
+            t.name,
+            t.t,
+            {k: v + levels[k] * np.random.default_rng(7).standard_normal(len(v)) for k, v in t.signals.items()},
+        )
+        for t in best.trials
+    )
+    after = maximum_likelihood(mechanism, Recording((*noisy.trials, *trials), clean.units), start=truth)
+    assert errors[0] < before
+    assert after.std["v_s"] / after.values["v_s"] == pytest.approx(errors[0], rel=0.6)
+
+
+def test_an_impossible_experiment_comes_last_with_its_reason():
+    mechanism, truth, _, _, levels = case("pob", "lugre", (1, 4))
+    candidates = [{"duration": 1.0, "theta": f"50*deg*sin(2*pi*{f}*t)"} for f in (1.5, 1.0)]
+    ranked = rank_experiments(mechanism, truth, candidates, rate_hz=200.0, sigmas=levels)
+    assert "contact lost" in ranked[1].failure
+    assert ranked[0].failure == ""
+
+
+def test_an_unknown_target_is_refused():
+    mechanism, truth, _, _, levels = case("drive", "dahl", (0, 1))
+    with pytest.raises(UserError, match="sigma_0"):
+        rank_experiments(
+            mechanism, truth, [{"duration": 1.0, "force": "5*sin(6*t)"}], rate_hz=200.0, sigmas=levels, target="mu"
+        )
+
+
+def test_noise_that_is_given_twice_as_large_doubles_the_error():
+    mechanism, _, clean, _, levels = case("drive", "dahl", (0, 1))
+    noisy = GaussianNoise(0.05)(clean, 3)
+    single = maximum_likelihood(mechanism, noisy, sigmas=levels)
+    double = maximum_likelihood(mechanism, noisy, sigmas={name: 2 * value for name, value in levels.items()})
+    assert double.std["mu_c"] == pytest.approx(2 * single.std["mu_c"], rel=0.2)

@@ -1,0 +1,146 @@
+"""Maximum likelihood recovers what made the data, says how well, and names what the data do not tell."""
+
+import json
+
+import numpy as np
+import pytest
+from cases import around, case, deviations
+
+from frictionpinn.data.noise import OutlierNoise
+from frictionpinn.data.recording import Recording
+from frictionpinn.errors import UserError
+from frictionpinn.identify import Problem, maximum_likelihood, profile
+
+
+@pytest.fixture(scope="module")
+def pob():
+    mechanism, truth, _, noisy, levels = case("pob", "lugre", (4, 5), 400.0)
+    problem = Problem(mechanism, noisy, bounds=around(truth))
+    return truth, levels, problem, maximum_likelihood(problem)
+
+
+def test_lugre_parameters_are_found_within_their_errors(pob):
+    truth, _, _, estimate = pob
+    assert estimate.outcome == "converged"
+    assert max(deviations(estimate, truth).values()) < 4
+    assert abs(estimate.values["mu_c"] / truth["mu_c"] - 1) < 0.01
+
+
+def test_noise_levels_are_estimated(pob):
+    _, levels, _, estimate = pob
+    for name, level in levels.items():
+        assert estimate.sigmas[name] == pytest.approx(level, rel=0.1)
+
+
+def test_result_can_be_written_as_json(pob):
+    text = json.loads(json.dumps(pob[3].to_dict(), allow_nan=False))
+    assert set(text["parameters"]) == set(pob[0])
+    assert text["parameters"]["sigma_0"]["unit"] == "N/m"
+
+
+def test_interval_holds_the_estimate_and_is_symmetric_in_the_logarithm(pob):
+    estimate = pob[3]
+    for name, (low, high) in estimate.ci95.items():
+        assert low < estimate.values[name] < high
+        assert low * high == pytest.approx(estimate.values[name] ** 2)
+
+
+def test_profile_agrees_with_the_curvature_where_the_likelihood_is_quadratic(pob):
+    _, _, problem, estimate = pob
+    found = profile(problem, estimate, "mu_c")
+    low, high = estimate.ci95["mu_c"]
+    assert found.ci95[1] - found.ci95[0] == pytest.approx(high - low, rel=0.4)
+
+
+@pytest.mark.parametrize(
+    ("system", "law"),
+    [
+        ("drive", "dahl"),
+        ("drive", "coulomb_viscous"),
+        ("damper", "dahl"),
+        ("damper", "stribeck"),
+        ("pendulum", "coulomb_viscous"),
+        ("sdob", "dahl"),
+    ],
+)
+def test_every_system_is_identified_from_noisy_data(system, law):
+    mechanism, truth, _, noisy, _ = case(system, law, (0, 1))
+    estimate = maximum_likelihood(mechanism, noisy)
+    for name, value in truth.items():
+        error = abs(estimate.values[name] - value)
+        assert error < max(5 * estimate.std[name], 0.05 * value), (name, estimate.values[name], estimate.std[name])
+
+
+def test_a_system_parameter_is_found_with_the_friction():
+    mechanism, truth, _, noisy, _ = case("drive", "coulomb_viscous", (0, 3))
+    estimate = maximum_likelihood(mechanism, noisy, free=("M", *truth))
+    assert estimate.values["M"] == pytest.approx(mechanism.system.values["M"], abs=5 * estimate.std["M"])
+
+
+def test_windows_with_free_initial_states_give_the_same_parameters():
+    mechanism, truth, _, noisy, _ = case("drive", "dahl", (0, 1))
+    whole = maximum_likelihood(mechanism, noisy)
+    cut = maximum_likelihood(mechanism, noisy, windows=0.5)
+    assert len(cut.residuals) == 8
+    for name in truth:
+        assert cut.values[name] == pytest.approx(whole.values[name], abs=5 * cut.std[name])
+
+
+def test_outliers_hardly_move_the_robust_estimate():
+    mechanism, truth, clean, _, _ = case("drive", "dahl", (0, 1))
+    dirty = OutlierNoise(0.05, fraction=0.05, scale=20.0)(clean, 1)
+    robust = maximum_likelihood(mechanism, dirty, loss="robust")
+    plain = maximum_likelihood(mechanism, dirty)
+    assert robust.std["mu_c"] < plain.std["mu_c"]
+    assert abs(robust.values["mu_c"] - truth["mu_c"]) < 5 * robust.std["mu_c"]
+
+
+def test_what_never_slides_is_named_and_not_returned():
+    mechanism, _, _, noisy, _ = case("pob", "lugre", (0,))
+    estimate = maximum_likelihood(mechanism, noisy)
+    hidden = [name for name, value in estimate.values.items() if np.isnan(value)]
+    assert hidden
+    assert estimate.outcome in ("not identified", "no excitation", "at a bound")
+    for name in hidden:
+        assert any(sentence.startswith(name) for sentence in estimate.advice)
+
+
+def test_a_bound_that_excludes_the_truth_is_reported():
+    mechanism, truth, _, noisy, _ = case("drive", "dahl", (0, 1))
+    estimate = maximum_likelihood(mechanism, noisy, bounds={"mu_c": (2 * truth["mu_c"], 4 * truth["mu_c"])})
+    assert estimate.outcome == "at a bound"
+    assert any("bounds.mu_c" in sentence for sentence in estimate.advice)
+
+
+def test_a_given_start_leads_to_the_same_estimate():
+    mechanism, truth, _, noisy, _ = case("drive", "dahl", (0, 1))
+    searched = maximum_likelihood(mechanism, noisy)
+    given = maximum_likelihood(mechanism, noisy, start={name: 1.2 * value for name, value in truth.items()})
+    for name in truth:
+        assert given.values[name] == pytest.approx(searched.values[name], abs=searched.std[name])
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"free": ("mu_k",)}, "mu_c"),
+        ({"bounds": {"mu_c": (1.0, 0.5)}}, "bounds.mu_c"),
+        ({"bounds": {"mu_c": (-1.0, 0.5)}}, "bounds.mu_c"),
+        ({"inputs": "noisy"}, "joint"),
+        ({"initial": "zero"}, "rest"),
+        ({"loss": "absolute"}, "gaussian"),
+        ({"windows": 1e-3}, "windows"),
+    ],
+)
+def test_mistakes_are_named_in_one_line(options, words):
+    mechanism, _, _, noisy, _ = case("drive", "dahl", (0, 1))
+    with pytest.raises(UserError, match=words) as caught:
+        Problem(mechanism, noisy, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_recording_without_a_predicted_signal_is_refused():
+    mechanism, _, clean, _, _ = case("drive", "dahl", (0, 1))
+    only = Recording(tuple(t.__class__(t.name, t.t, {"force": t.signals["force"]}) for t in clean.trials), clean.units)
+    with pytest.raises(UserError, match="compare"):
+        Problem(mechanism, only)
