@@ -51,15 +51,19 @@ def force_errors(model: Predictor, trials: Sequence[ContactTrial], source: str =
     }
 
 
-class CoulombViscousFit:
-    """F = mu_c N tanh(v / v_t) + sigma_2 v, fitted by least squares to the implied force of the training trials.
+class LawFit:
+    """A law that is linear in all parameters but its transition velocity v_t, fitted by least squares.
 
-    The law is linear in mu_c and sigma_2; the transition velocity is the best of a grid from the slowest to the
-    typical slip velocities. It is the customary first model, and the yardstick beside every network.
+    Fitted to the implied force of the training trials; v_t is the best of a grid from the slowest to the typical
+    slip velocities. Subclasses name the law and its linear parameters.
     """
 
+    law: str
+    label: str
+    linear: tuple[str, ...]
+
     def __init__(self, trials: Sequence[ContactTrial]):
-        law = LAWS["coulomb_viscous"]()
+        law = LAWS[self.law]()
         symbols = [CONTACT.v, CONTACT.N, *(par.symbol for par in law.parameters)]
         self._force = numpy_function(symbols, law.force(CONTACT, law.symbols))
         v, N, F = (
@@ -67,18 +71,29 @@ class CoulombViscousFit:
             for key in ("v_slip", "normal_force", "friction_force")
         )
         speed = float(np.sqrt(np.mean(v**2))) or 1.0
-        best = (np.inf, 0.0, 0.0, speed)
+        units = np.eye(len(self.linear))
+        best = (np.inf, np.zeros(len(self.linear)), speed)
         for v_t in speed * np.logspace(-4, 0, 25):
-            design = np.stack(
-                [self._force(v, np.abs(N), 1.0, 0.0, v_t), self._force(v, np.abs(N), 0.0, 1.0, v_t)], axis=1
-            )
-            (mu_c, sigma_2), *_ = np.linalg.lstsq(design, F, rcond=None)
-            misfit = float(np.mean((design @ [mu_c, sigma_2] - F) ** 2))
+            design = np.stack([self._force(v, np.abs(N), *unit, v_t) for unit in units], axis=1)
+            values, *_ = np.linalg.lstsq(design, F, rcond=None)
+            misfit = float(np.mean((design @ values - F) ** 2))
             if misfit < best[0]:
-                best = (misfit, float(mu_c), float(sigma_2), float(v_t))
-        self.parameters = {"mu_c": best[1], "sigma_2": best[2], "v_t": best[3]}
+                best = (misfit, values, float(v_t))
+        self.parameters = dict(zip(self.linear, best[1].tolist(), strict=True)) | {"v_t": best[2]}
 
     def predict_trial(self, trial: ContactTrial, source: str = "online") -> dict[str, np.ndarray]:
         """Force along a trial from its (online) slip velocity and normal force."""
         signals = getattr(trial, source)
         return {"force": self._force(signals["v_slip"], np.abs(signals["normal_force"]), *self.parameters.values())}
+
+
+class CoulombFit(LawFit):
+    """F = mu_c N tanh(v / v_t): what most simulators offer."""
+
+    law, label, linear = "coulomb", "Coulomb fit", ("mu_c",)
+
+
+class CoulombViscousFit(LawFit):
+    """F = mu_c N tanh(v / v_t) + sigma_2 v: the customary first model, and the yardstick beside every network."""
+
+    law, label, linear = "coulomb_viscous", "Coulomb + viscous fit", ("mu_c", "sigma_2")

@@ -1,0 +1,92 @@
+"""Friction characteristics: the steady force of a model and of a law over slip velocity and normal force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import sympy as sp
+
+from ..data.contact import BASE, ContactTrial
+from ..models import FrictionModel
+from ..numerics.torch_functions import numpy_function
+from ..physics import CONTACT, LAWS, FrictionLaw, System
+from ..physics.mechanism import Mechanism
+from .instant import WindowedForce
+
+
+@dataclass(frozen=True)
+class Characteristics:
+    """Steady friction force over a grid.
+
+    Attributes:
+        v: slip velocities, shape (n,).
+        N: normal forces, shape (m,).
+        model, truth: force, shape (m, n); ``truth`` None where no law is known.
+    """
+
+    v: np.ndarray
+    N: np.ndarray
+    model: np.ndarray
+    truth: np.ndarray | None
+
+    @property
+    def rms(self) -> float | None:
+        """Root mean square difference over the grid, in the unit of force."""
+        return None if self.truth is None else float(np.sqrt(np.mean((self.model - self.truth) ** 2)))
+
+
+def steady_force(law: FrictionLaw, parameters: Mapping[str, float], v: np.ndarray, N: np.ndarray) -> np.ndarray:
+    """Force of a law in steady sliding (z' = 0) at slip velocity v and normal force N, arrays that broadcast."""
+    force = law.force(CONTACT, law.symbols)
+    if law.memory:
+        rate = law.bristle_rate(CONTACT, law.symbols)  # linear in z; solve() would turn exp(-x) into an overflow
+        settled = -rate.subs(CONTACT.z, 0) / sp.diff(rate, CONTACT.z)
+        force = force.subs({CONTACT.z: settled, CONTACT.zdot: 0})
+    names = [par.name for par in law.parameters]
+    values = [float(parameters.get(par.name, par.value)) for par in law.parameters]  # type: ignore[arg-type]
+    function = numpy_function([CONTACT.v, CONTACT.N, *(law.symbols.__dict__[name] for name in names)], force)
+    return np.asarray(function(v, N, *values), float)
+
+
+def characteristics(
+    model: FrictionModel,
+    system: System,
+    train: Sequence[ContactTrial],
+    law: FrictionLaw | None,
+    parameters: Mapping[str, float],
+    grid: int,
+) -> Characteristics:
+    """The model's force where slip velocity and normal force have long been what they are, beside the law's.
+
+    The grid spans what the training trials cover; the velocity 0, where a steady force is not defined, is left out.
+    A model that sees the frictionless acceleration is given the one of steady sliding under the law (0 where no
+    law is known).
+    """
+    reach = max(float(np.abs(trial.offline["v_slip"]).max()) for trial in train)
+    loads = np.concatenate([np.abs(trial.offline["normal_force"]) for trial in train])
+    v = np.linspace(-reach, reach, grid + grid % 2)
+    N = np.linspace(float(loads.min()), float(loads.max()), grid)
+    if N[0] == N[-1]:
+        N = N[:1]
+    slip, load = (column.ravel() for column in np.meshgrid(v, N))
+    truth = steady_force(law, parameters, slip, load) if law is not None else None
+    balanced = np.zeros(slip.shape) if truth is None else truth * mobility(system)
+    force = WindowedForce(model, 1, 1.0)
+    now, rest = dict(zip(BASE, (slip, load, balanced), strict=True)), dict.fromkeys(BASE, np.zeros(slip.shape))
+    shape = (len(N), len(v))
+    seen = force(force.constant(now), force.constant(rest), now, rest).reshape(shape)
+    return Characteristics(v, N, seen, None if truth is None else truth.reshape(shape))
+
+
+def mobility(system: System) -> float:
+    """Slip acceleration for a unit of force in the contact, where it does not depend on the motion; else 0."""
+    if system.massless:
+        return 0.0
+    mechanism, force = Mechanism(system, LAWS["coulomb"]()), sp.Symbol("force_in_contact", real=True)
+    rows = [system.residual(c) + system.jacobian[c.name] * force for c in mechanism.free]
+    solution = sp.solve(rows, [c.symbols[2] for c in mechanism.free], dict=True)[0]
+    slope = -sp.diff(system.a_slip.subs(solution), force)
+    value = slope.subs({par.symbol: system.values[par.name] for par in system.parameters})
+    return float(value) if value.is_number else 0.0

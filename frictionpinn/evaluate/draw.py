@@ -1,0 +1,183 @@
+"""Figures of an evaluation: each trajectory, the errors of all methods, the friction characteristics."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..numerics.simulation import Simulation
+from ..physics import System
+from .characteristics import Characteristics
+from .figures import INK
+from .trajectory import Trajectory, readable
+from .yardsticks import Candidate
+
+KINDS = {"online": "online", "in_simulation": "in simulation"}
+_SHADES = {"online": "#8d99ae", "in_simulation": "#d1495b"}
+
+
+def draw(
+    folder: Path,
+    result: Mapping[str, Any],
+    system: System,
+    methods: Mapping[str, Candidate],
+    trajectories: Sequence[Trajectory],
+    runs: Mapping[str, Mapping[str, Simulation | str]],
+    surfaces: Mapping[str, Characteristics],
+) -> list[Path]:
+    """Write every figure as PNG; return the files in reading order."""
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn = {"errors": errors_figure(result)}
+    for k, trajectory in enumerate(trajectories):
+        errors = result["errors"][trajectory.name]
+        drawn[f"trajectory_{k + 1}"] = trajectory_figure(trajectory, methods, runs[trajectory.name], errors)
+    drawn["characteristics"] = characteristics_figure(surfaces, result["characteristics"])
+    paths = []
+    for name, figure in drawn.items():
+        paths.append(folder / f"{name}.png")
+        figure.savefig(paths[-1], dpi=120)
+    return paths
+
+
+def trajectory_figure(
+    trajectory: Trajectory,
+    methods: Mapping[str, Candidate],
+    runs: Mapping[str, Simulation | str],
+    errors: Mapping[str, Any],
+) -> Figure:
+    """Force online, force in simulation and, where a coordinate is free, its position: truth, model, yardstick."""
+    system, clean, free = trajectory.system, trajectory.clean, trajectory.mechanism.free
+    rows = 3 if free else 2
+    figure = Figure(figsize=(9, 2.6 * rows), layout="constrained")
+    axes = figure.subplots(rows, 1, sharex=True)
+    unit, square = readable(system.force_unit), readable(errors["model"]["online"]["force_mse"]["unit"])
+    first = next(iter(trajectory.seen.values()))
+    model, fit = methods["model"], methods["coulomb_viscous"]
+
+    def label(key: str, kind: str) -> str:
+        error = errors[key][kind]
+        told = f"{error['force_mse']['value']:.3g} {square}" if "force_mse" in error else error["failed"]
+        return f"{errors[key]['label']}: {told}"
+
+    for axis in axes[:2]:
+        axis.plot(clean.t, trajectory.force, color=INK["reference"], lw=1.6, label="truth")
+    for candidate, key, z in ((fit, "coulomb_viscous", 2), (model, "model", 3)):
+        color = INK["model"] if key == "model" else INK["baseline"]
+        if candidate.online is not None:
+            axes[0].plot(clean.t, candidate.online(first), color=color, lw=0.9, zorder=z, label=label(key, "online"))
+        run = runs[key]
+        told = label(key, "in_simulation")
+        axes[1].plot(*((run.t, run.F) if isinstance(run, Simulation) else ([], [])), color=color, zorder=z, label=told)
+        if free and isinstance(run, Simulation):
+            axes[2].plot(run.t, run.signals[free[0].signals[0]], color=color, zorder=z)
+    span = float(np.ptp(trajectory.force)) or 1.0
+    for axis, kind in zip(axes[:2], KINDS.values(), strict=True):
+        axis.set(ylabel=f"friction force, {kind} ({unit})")
+        axis.set_ylim(trajectory.force.min() - 0.25 * span, trajectory.force.max() + 0.35 * span)
+        axis.legend(loc="upper right", frameon=False, fontsize=9, ncols=3)
+    if free:
+        name = free[0].signals[0]
+        axes[2].plot(clean.t, clean.signals[name], color=INK["reference"], lw=1.6)
+        axes[2].set(ylabel=f"{name} ({readable(system.signal_units[name])})")
+    axes[-1].set(xlabel="time (s)")
+    figure.align_ylabels()
+    figure.suptitle(f"{model.label} on {trajectory.name}, {system.title}: friction force, mean square errors")
+    return figure
+
+
+def errors_figure(result: Mapping[str, Any]) -> Figure:
+    """Mean square error of every method, online and in simulation, one panel per trajectory; published ones marked."""
+    table = result["errors"]
+    width = 4.6 * len(table) + 2.4
+    figure = Figure(figsize=(width, 4.4), layout="constrained")
+    panels = figure.subplots(1, len(table), sharey=True, sharex=True, squeeze=False)[0]
+    labelled: set[str] = set()
+    for axis, (name, methods) in zip(panels, table.items(), strict=True):
+        for row, (key, entry) in enumerate(methods.items()):
+            for shift, kind in zip((-0.18, 0.18), KINDS, strict=True):
+                error = entry.get(kind, {}).get("force_mse")
+                if error is None:
+                    continue
+                edge = INK["reference"] if key == "model" else "none"
+                axis.barh(row + shift, error["value"], 0.34, color=_SHADES[kind], ec=edge, lw=1.2)
+                axis.annotate(
+                    f"{error['value']:.3g}", (error["value"], row + shift), (4, 0), textcoords="offset points",
+                    va="center", fontsize=8,
+                )  # fmt: skip
+                if "published" in error:
+                    told = "published" if "published" not in labelled else None
+                    labelled.add("published")
+                    axis.plot(error["published"], row + shift, "D", color=INK["reference"], ms=6, label=told)
+        axis.set(title=name, xscale="log", xlabel=f"mean square error of the force ({_unit(methods)})")
+        axis.set_yticks(range(len(methods)), [entry["label"] for entry in methods.values()])
+        axis.margins(x=0.25)
+        for side in ("top", "right"):
+            axis.spines[side].set_visible(False)
+    panels[0].invert_yaxis()
+    for kind, text in KINDS.items():
+        panels[0].barh([np.nan], [np.nan], color=_SHADES[kind], label=text)
+    figure.legend(loc="outside lower center", frameon=False, ncols=3)
+    figure.suptitle("\n".join(textwrap.wrap(headline(result), int(9 * width))))
+    return figure
+
+
+def _unit(methods: Mapping[str, Any]) -> str:
+    return readable(methods["model"]["online"]["force_mse"]["unit"])
+
+
+def headline(result: Mapping[str, Any]) -> str:
+    """The model's errors over those of the Coulomb + viscous fit, in words."""
+    parts = []
+    for kind, text in KINDS.items():
+        ratios = []
+        for methods in result["errors"].values():
+            ours, theirs = (methods[key][kind].get("force_mse") for key in ("model", "coulomb_viscous"))
+            if ours and theirs and theirs["value"] > 0:
+                ratios.append(f"{ours['value'] / theirs['value']:.2g}")
+        if ratios:
+            lowest, highest = min(ratios, key=float), max(ratios, key=float)
+            parts.append(f"{text} {float(lowest):g}" + (f" to {float(highest):g}" if highest != lowest else ""))
+    where = f"on {result['system']}" + ("" if result["system"] == result["trained_on"] else " (transferred)")
+    label = f"{result['model'].upper()} {where}"
+    return f"{label}: {', '.join(parts)} times the square error of the Coulomb + viscous fit" if parts else label
+
+
+def characteristics_figure(surfaces: Mapping[str, Characteristics], told: Mapping[str, Any]) -> Figure:
+    """Force over slip velocity and normal force: each model, the truth and, for one model alone, their difference.
+
+    Args:
+        surfaces: name of a model -> its characteristics, all on one grid.
+        told: units, as in ``result.json``.
+    """
+    first = next(iter(surfaces.values()))
+    panels = {name: surface.model for name, surface in surfaces.items()}
+    if first.truth is not None:
+        panels["truth, steady sliding"] = first.truth
+    differs = first.truth is not None and len(surfaces) == 1
+    figure = Figure(figsize=(4 * (len(panels) + differs), 4), layout="constrained")
+    axes = figure.subplots(1, len(panels) + differs, sharex=True, sharey=True, squeeze=False)[0]
+    N = first.N if len(first.N) > 1 else first.N[0] * np.array([0.95, 1.05])
+    shape, unit = (len(N), len(first.v)), readable(told["unit"])
+    top = max(float(np.abs(force).max()) for force in panels.values())
+    for axis, (name, force) in zip(axes, panels.items(), strict=False):
+        whole = np.broadcast_to(force, shape)
+        image = axis.pcolormesh(first.v, N, whole, cmap="RdBu_r", vmin=-top, vmax=top, shading="gouraud")
+        off = surfaces[name].rms if name in surfaces else None
+        axis.set(title=name if off is None else f"{name}: {off:.2g} {unit} rms off")
+    figure.colorbar(image, ax=axes[: len(panels)], label=f"friction force ({unit})")
+    if first.truth is not None and differs:
+        error = np.broadcast_to(first.model - first.truth, shape)
+        reach = float(np.abs(error).max()) or 1.0
+        image = axes[-1].pcolormesh(first.v, N, error, cmap="PuOr_r", vmin=-reach, vmax=reach, shading="gouraud")
+        axes[-1].set(title="difference")
+        figure.colorbar(image, ax=axes[-1], label=f"model less truth ({unit})")
+    for axis in axes:
+        axis.set(xlabel=f"slip velocity ({readable(told['v_slip']['unit'])})")
+    axes[0].set(ylabel=f"normal force ({readable(told['normal_force']['unit'])})")
+    figure.suptitle("Friction characteristics over the range seen in training")
+    return figure

@@ -1,0 +1,143 @@
+"""The result of an evaluation for people: a table on the terminal, a self-contained HTML page."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from .draw import KINDS, headline
+from .trajectory import readable
+
+_MOTION = ("position_rms", "velocity_rms")
+_CAPTIONS = {
+    "errors": "Mean square error of every method; a diamond is the published figure, on a trajectory of the kind.",
+    "trajectory": "Top: what an observer of the noisy signals gets. Below: the same friction inside the equation of "
+    "motion, and the motion that follows.",
+    "characteristics": "Steady friction force over slip velocity and normal force.",
+}
+_PAGE = Template(
+    """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>$title</title><style>
+body {font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222}
+table {border-collapse: collapse; margin: 1rem 0; width: 100%}
+th, td {padding: .3rem .7rem; text-align: right; border-bottom: 1px solid #ddd; font-variant-numeric: tabular-nums}
+th:first-child, td:first-child {text-align: left}
+tr.model td {font-weight: 600}
+img {max-width: 100%} figcaption, p.note {color: #555; font-size: .9rem} figure {margin: 2rem 0}
+</style></head><body>
+<h1>$title</h1>
+<p>$headline.</p>
+$tables
+<p class="note">$note</p>
+$figures
+</body></html>
+"""
+)
+
+
+def columns(result: Mapping[str, Any]) -> list[str]:
+    """Heads of the table, with units; a column of published figures only where there are any."""
+    methods = [entry for table in result["errors"].values() for entry in table.values()]
+    force = readable(next(iter(result["errors"].values()))["model"]["online"]["force_mse"]["unit"])
+    heads = ["method"]
+    for kind, text in KINDS.items():
+        heads += [f"{text} ({force})", *(["published"] if _has_published(result, kind) else [])]
+    runs = [entry.get("in_simulation", {}) for entry in methods]
+    motion: Mapping[str, Any] = next((run for run in runs if "position_rms" in run), {})
+    for kind in _MOTION:
+        heads += [f"{name} rms ({readable(entry['unit'])})" for name, entry in motion.get(kind, {}).items()]
+    return heads
+
+
+def _has_published(result: Mapping[str, Any], kind: str) -> bool:
+    tables = result["errors"].values()
+    return any("published" in e.get(kind, {}).get("force_mse", {}) for table in tables for e in table.values())
+
+
+def rows(result: Mapping[str, Any], trajectory: str) -> Iterator[list[str]]:
+    """Cells of the table of one trajectory, a row per method; a dash where a method has no such figure."""
+    width = len(columns(result))
+    for entry in result["errors"][trajectory].values():
+        cells = [entry["label"]]
+        for kind in KINDS:
+            part = entry.get(kind, {})
+            error = part.get("force_mse", {})
+            cells.append(part.get("failed") or _number(error.get("value")))
+            if _has_published(result, kind):
+                cells.append(_number(error.get("published")))
+        run = entry.get("in_simulation", {})
+        cells += [_number(item["value"]) for kind in _MOTION for item in run.get(kind, {}).values()]
+        yield cells + ["-"] * (width - len(cells))
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
+
+
+def note(result: Mapping[str, Any]) -> str:
+    """What the figures rest on."""
+    seeds = len(result["seeds"])
+    noise = result["noise"]
+    level = f"{noise['name']} noise" + (f" at {noise['level']:g} of each signal's spread" if "level" in noise else "")
+    published = result["published"]
+    return (
+        f"Online: {level}, signals filtered causally ({result['smoothing']['name']}), "
+        + (f"median of {seeds} seeds. " if seeds > 1 else "one seed. ")
+        + "In simulation: no noise; prescribed inputs, friction in the equation of motion. "
+        + f"Truth: {result['truth']['friction']}. Published figures: {published['source']}; {published['note']}."
+    )
+
+
+def terminal_table(result: Mapping[str, Any]) -> str:
+    """Mean square errors of the force and errors of the motion, for a terminal."""
+    lines, heads = [], columns(result)
+    for name, about in result["trajectories"].items():
+        table = [heads, *rows(result, name)]
+        widths = [max(len(row[k]) for row in table) for k in range(len(heads))]
+        lines.append(f"{name}: {_about(about)}")
+        for row in table:
+            rest = "".join(f"  {cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True))
+            lines.append(f"  {row[0]:<{widths[0]}}{rest}")
+    return "\n".join(lines)
+
+
+def _about(about: Mapping[str, Any]) -> str:
+    far, rest, duration = about["displacement"], about["at_rest"]["value"], about["duration"]
+    moved = f"ends {far['value']:+.3g} {far['unit']} from its start"
+    return f"{duration['value']:.3g} {duration['unit']}, at rest {100 * rest:.0f} % of it, {moved}"
+
+
+def write_page(path: Path, result: Mapping[str, Any], figures: Sequence[Path]) -> Path:
+    """Write one HTML file that holds tables and figures."""
+    title = f"{result['model'].upper()} of {result['trained_on']}, evaluated on {result['system']}"
+    tables = "\n".join(_table(result, name, about) for name, about in result["trajectories"].items())
+    page = _PAGE.substitute(
+        title=html.escape(title),
+        headline=html.escape(headline(result)),
+        tables=tables,
+        note=html.escape(note(result)),
+        figures="\n".join(_figure(item) for item in figures),
+    )
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def _table(result: Mapping[str, Any], name: str, about: Mapping[str, Any]) -> str:
+    head = "".join(f"<th>{html.escape(cell)}</th>" for cell in columns(result))
+    body = ""
+    for key, row in zip(result["errors"][name], rows(result, name), strict=True):
+        cells = "".join(f"<td>{html.escape(cell)}</td>" for cell in row)
+        body += f"<tr{' class=model' if key == 'model' else ''}>{cells}</tr>\n"
+    return f"<h2>{html.escape(name)}</h2>\n<p>{html.escape(_about(about))}</p>\n<table><tr>{head}</tr>\n{body}</table>"
+
+
+def _figure(path: Path) -> str:
+    data = base64.b64encode(path.read_bytes()).decode("ascii")
+    caption = html.escape(_CAPTIONS[path.stem.split("_")[0]])
+    return (
+        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}"><figcaption>{caption}</figcaption></figure>'
+    )

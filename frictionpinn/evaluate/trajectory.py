@@ -1,0 +1,131 @@
+"""Errors on one trajectory: online from noisy causal signals, and in simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..data.contact import ContactTrial
+from ..data.recording import Trial
+from ..numerics.paths import InputPath
+from ..numerics.simulation import ContactLost, Simulation, SimulationFailed
+from ..physics import LAWS, System
+from ..physics.mechanism import Mechanism
+from .yardsticks import Candidate
+
+
+def squared(unit: str) -> str:
+    """Unit of a mean square error."""
+    return f"({unit})^2" if "*" in unit else f"{unit}^2"
+
+
+def readable(unit: str) -> str:
+    """Unit as people write it: N*m becomes N m, a square gets its sign."""
+    return unit.replace("*", " ").replace("^2", "²")
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A noise-free simulated trial with its truth, and what sensors made of it.
+
+    Attributes:
+        clean: signals without noise; ``truth`` holds friction_force, normal_force and v_slip.
+        seen: seed of the noise -> contact of the noisy trial, filtered causally.
+    """
+
+    system: System
+    clean: Trial
+    seen: dict[int, ContactTrial] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return self.clean.name
+
+    @property
+    def force(self) -> np.ndarray:
+        """True friction force, shape (n,)."""
+        return self.clean.truth["friction_force"]
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """The system alone matters: which coordinates are free and which are driven."""
+        return Mechanism(self.system, LAWS["coulomb"]())
+
+    @cached_property
+    def path(self) -> InputPath:
+        """Driven coordinates and inputs, without noise."""
+        return InputPath.from_signals(self.mechanism, self.clean.t, self.clean.signals)
+
+    @property
+    def start(self) -> dict[str, float]:
+        """Initial positions and velocities of the free coordinates."""
+        names = [name for c in self.mechanism.free for name in c.signals[:2]]
+        return {name: float(self.clean.signals[name][0]) for name in names}
+
+    def describe(self) -> dict[str, Any]:
+        """Duration, rate, how far the contact slides in the end and how long it rests."""
+        t, slip = self.clean.t, self.clean.truth["v_slip"]
+        typical = float(np.sqrt(np.mean(slip**2)))
+        return {
+            "duration": {"value": float(t[-1] - t[0]), "unit": "s"},
+            "samples": len(t),
+            "displacement": {"value": float(np.trapezoid(slip, t)), "unit": self.system.slip_unit},
+            "at_rest": {"value": float(np.mean(np.abs(slip) < 0.01 * typical)), "unit": "1"},
+        }
+
+
+def online_error(candidate: Candidate, trajectory: Trajectory) -> dict[str, Any]:
+    """Mean square error of the force for every seed of the noise, and its median."""
+    assert candidate.online is not None
+    by_seed = {
+        str(seed): float(np.mean((candidate.online(trial) - trajectory.force) ** 2))
+        for seed, trial in trajectory.seen.items()
+    }
+    unit = squared(trajectory.system.force_unit)
+    return {"force_mse": {"value": float(np.median(list(by_seed.values()))), "unit": unit, "by_seed": by_seed}}
+
+
+def simulate(candidate: Candidate, trajectory: Trajectory) -> Simulation | str:
+    """The candidate's simulation, or in words why it ended early."""
+    assert candidate.simulate is not None
+    try:
+        return candidate.simulate(trajectory.path, trajectory.start)
+    except (ContactLost, SimulationFailed) as error:
+        return error.what
+
+
+def simulation_error(simulation: Simulation | str, trajectory: Trajectory) -> dict[str, Any]:
+    """Mean square error of the force, root mean square errors of positions and velocities; or the failure."""
+    if isinstance(simulation, str):
+        return {"failed": simulation}
+    system, clean = trajectory.system, trajectory.clean
+    error = float(np.mean((simulation.F - trajectory.force) ** 2))
+    result: dict[str, Any] = {"force_mse": {"value": error, "unit": squared(system.force_unit)}}
+    for coordinate in trajectory.mechanism.free:
+        for kind, name in zip(("position_rms", "velocity_rms"), coordinate.signals[:2], strict=True):
+            rms = float(np.sqrt(np.mean((simulation.signals[name] - clean.signals[name]) ** 2)))
+            result.setdefault(kind, {})[name] = {"value": rms, "unit": system.signal_units[name]}
+    return result
+
+
+def compare(
+    candidates: Mapping[str, Candidate], trajectories: Sequence[Trajectory]
+) -> tuple[dict[str, Any], dict[str, dict[str, Simulation | str]]]:
+    """Errors of every candidate on every trajectory, and the simulations, by trajectory and candidate."""
+    errors: dict[str, Any] = {}
+    runs: dict[str, dict[str, Simulation | str]] = {}
+    for trajectory in trajectories:
+        table = errors[trajectory.name] = {}
+        runs[trajectory.name] = {}
+        for key, candidate in candidates.items():
+            table[key] = {"label": candidate.label}
+            if candidate.online is not None:
+                table[key]["online"] = online_error(candidate, trajectory)
+            if candidate.simulate is not None:
+                runs[trajectory.name][key] = simulate(candidate, trajectory)
+                table[key]["in_simulation"] = simulation_error(runs[trajectory.name][key], trajectory)
+    return errors, runs

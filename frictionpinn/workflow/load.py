@@ -1,0 +1,79 @@
+"""Load a finished training run: its configuration, its system and its model."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from ..errors import UserError, nearest
+from ..models import MODELS, FrictionModel
+from ..physics import System
+from .build import Config, build_system
+from .train import load_checkpoint
+
+
+def load_run(folder: str | Path) -> tuple[Config, System, FrictionModel]:
+    """Rebuild what a run trained, from its ``result.json`` and ``checkpoints/best.ckpt``.
+
+    Returns:
+        the resolved configuration of the training, the system with its values, and the model with its best weights,
+        ready to predict.
+
+    Raises:
+        UserError: no such folder, a file of a run that is missing or unreadable, a checkpoint of another model.
+    """
+    folder = Path(folder)
+    cfg = _configuration(folder)
+    checkpoint = load_checkpoint(folder / "checkpoints" / "best.ckpt", "run")
+    options: dict[str, Any] = dict(checkpoint.get("hyper_parameters") or {})
+    if options.get("name") not in MODELS or options["name"] != cfg["model"]["name"]:
+        raise UserError(
+            "checkpoint of another model than the run's",
+            where=str(folder / "checkpoints" / "best.ckpt"),
+            received=options.get("name"),
+            allowed=cfg["model"]["name"],
+            fix="give a folder that train.py wrote",
+        )
+    model = MODELS[options["name"]](**options)
+    try:
+        model.load_state_dict(checkpoint["state_dict"])
+    except (KeyError, RuntimeError) as error:
+        fix = "use a run of this version"
+        raise UserError("weights that do not fit", where=str(folder / "checkpoints" / "best.ckpt"), fix=fix) from error
+    return cfg, build_system(cfg["system"]), model.eval()
+
+
+def _configuration(folder: Path) -> Config:
+    if not folder.is_dir():
+        parent = next((item for item in folder.parents if item.is_dir()), Path())
+        present = sorted(str(item) for item in parent.iterdir() if item.is_dir() and not item.name.startswith("."))
+        raise UserError(
+            "no such folder",
+            where="run",
+            received=str(folder),
+            allowed=", ".join(present[-8:]) or "the folder of a training run",
+            fix=nearest(str(folder), present) or "give the folder that train.py names when it ends",
+        )
+    path = folder / "result.json"
+    if not path.is_file():
+        found = [item.parent for item in folder.glob("**/result.json")]
+        inside = sorted(str(item) for item in found if not item.name.startswith("evaluation"))
+        raise UserError(
+            "not a finished training run: it has no result.json",
+            where="run",
+            received=str(folder),
+            allowed=", ".join(inside[-8:]) or "a folder that train.py wrote",
+            fix=f"did you mean '{inside[-1]}'?" if inside else "wait for the training's end, or train again",
+        )
+    try:
+        return _checked(json.loads(path.read_text(encoding="utf-8")))
+    except (ValueError, KeyError, TypeError) as error:
+        raise UserError("unreadable result of a run", where=str(path), fix=f"train again ({error})") from error
+
+
+def _checked(result: Any) -> Config:
+    cfg = result["config"]
+    for key in ("system", "model", "friction", "data", "noise", "smoothing", "seed"):
+        cfg[key]
+    return cfg

@@ -1,0 +1,189 @@
+"""Evaluation of a run: what it writes, transfer, the published figures beside ours, mistakes in one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from frictionpinn.errors import UserError
+from frictionpinn.evaluate.published import published
+from frictionpinn.workflow import cli
+from frictionpinn.workflow.evaluate import evaluate
+from frictionpinn.workflow.load import load_run
+from frictionpinn.workflow.train import load_checkpoint
+
+ROOT = Path(__file__).resolve().parents[2]
+BRIEF = ["grid=11", "substeps=1", "trajectories.pob=[{name: Traj. 1, duration: 0.4, theta: '45*deg*sin(2*pi*t)'}]"]
+
+
+def configuration(*overrides: str) -> dict:
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        return OmegaConf.to_container(compose("evaluate", overrides=list(overrides)), resolve=True)  # type: ignore
+
+
+@pytest.fixture(scope="module")
+def run(quick, tmp_path_factory) -> Path:
+    """A short training of PE1."""
+    folder = tmp_path_factory.mktemp("run")
+    quick(folder, "model=pe1")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def result(run) -> dict:
+    return evaluate(configuration(f"run={run}", "seeds=[0,1,2]", *BRIEF))
+
+
+def test_a_run_is_rebuilt_from_its_folder(run):
+    cfg, system, model = load_run(run)
+    assert cfg["model"]["name"] == "pe1" and system.name == "pob" and not model.training
+    saved = load_checkpoint(run / "checkpoints" / "best.ckpt", "run")["state_dict"]
+    assert all((value == saved[name]).all() for name, value in model.state_dict().items())
+
+
+def test_an_evaluation_leaves_its_result_figures_and_one_page(run, result):
+    folder = run / "evaluation"
+    written = json.loads((folder / "result.json").read_text())
+    assert written == json.loads(json.dumps(result))
+    assert set(written["figures"]) == {f"figures/{n}.png" for n in ("errors", "trajectory_1", "characteristics")}
+    page = (folder / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 3 and 'src="http' not in page
+    assert f"{written['errors']['Traj. 1']['model']['online']['force_mse']['value']:.3g}" in page
+    assert not list(folder.glob("*.tmp"))
+
+
+def test_every_error_has_its_unit_and_the_online_one_is_the_median_over_seeds(result):
+    errors = result["errors"]["Traj. 1"]
+    assert list(errors) == ["model", "law", "force_balance", "coulomb", "coulomb_viscous"]
+    online = errors["model"]["online"]["force_mse"]
+    assert online["unit"] == "N^2" and set(online["by_seed"]) == {"0", "1", "2"}
+    assert online["value"] == np.median(list(online["by_seed"].values()))
+    simulated = errors["coulomb_viscous"]["in_simulation"]
+    assert simulated["force_mse"]["value"] > 0
+    assert simulated["position_rms"]["x"]["unit"] == "m" and simulated["velocity_rms"]["v"]["unit"] == "m/s"
+    assert "in_simulation" not in errors["force_balance"] and "online" not in errors["law"]
+
+
+def test_published_figures_stand_beside_those_of_the_same_model_and_trajectory(result):
+    table = published()["force_mse"]["Traj. 1"]
+    model = result["errors"]["Traj. 1"]["model"]
+    for kind in ("online", "in_simulation"):
+        assert model[kind]["force_mse"]["published"] == table[kind]["pe1"]
+    assert "published" not in result["errors"]["Traj. 1"]["coulomb"]["online"]["force_mse"]
+
+
+def test_a_perfect_law_has_no_error_in_simulation(run):
+    from frictionpinn.evaluate.trajectory import simulate, simulation_error
+    from frictionpinn.evaluate.yardsticks import Candidate, simulated_law
+    from frictionpinn.workflow.evaluate import build_trajectories, transferred
+
+    cfg, system, _ = load_run(run)
+    options = configuration(f"run={run}", *BRIEF)
+    (trajectory,) = build_trajectories(transferred(cfg, None, options["trajectories"]), system, None, options)
+    truth = Candidate("truth", simulate=simulated_law(system, "lugre", cfg["data"]["truth"]))
+    error = simulation_error(simulate(truth, trajectory), trajectory)
+    assert error["force_mse"]["value"] < 1e-6 and error["position_rms"]["x"]["value"] < 1e-6
+
+
+def test_a_model_is_transferred_to_another_system_and_its_own_trials(run):
+    cfg = configuration(f"run={run}", "system=sdob", *BRIEF)
+    cfg["system"]["simulate"]["trials"] = [{**trial, "duration": 0.4} for trial in cfg["system"]["simulate"]["trials"]]
+    result = evaluate(cfg)
+    assert result["system"] == "sdob" and result["trained_on"] == "pob"
+    (errors,) = result["errors"].values()
+    assert errors["model"]["online"]["force_mse"]["value"] > 0
+    assert "published" not in json.dumps(errors)
+    assert (run / "evaluation_sdob" / "report.html").is_file()
+
+
+def test_a_simulation_that_ends_early_is_told_and_the_others_go_on(run, monkeypatch):
+    from frictionpinn.evaluate import yardsticks
+    from frictionpinn.numerics.simulation import SimulationFailed
+
+    def fail(*_):
+        raise SimulationFailed(0.1, "no force", "")
+
+    monkeypatch.setattr(yardsticks, "simulate_model", fail)
+    errors = evaluate(configuration(f"run={run}", *BRIEF))["errors"]["Traj. 1"]
+    assert "simulation failed at t = 0.1000 s" in errors["model"]["in_simulation"]["failed"]
+    assert errors["coulomb"]["in_simulation"]["force_mse"]["value"] > 0
+
+
+@pytest.mark.parametrize(
+    ("expected", "spoil"),
+    [
+        ("no such folder", lambda folder: folder.rename(folder.with_name("other"))),
+        ("did you mean", lambda folder: folder.rename(folder.with_name("runs"))),
+        ("not a finished training run", lambda folder: (folder / "result.json").unlink()),
+        ("unreadable result of a run", lambda folder: (folder / "result.json").write_text("{")),
+        ("no such checkpoint", lambda folder: (folder / "checkpoints" / "best.ckpt").unlink()),
+        ("unreadable checkpoint", lambda folder: (folder / "checkpoints" / "best.ckpt").write_bytes(b"PK")),
+    ],
+)
+def test_a_folder_that_is_no_run_is_named_in_one_line(run, tmp_path, expected, spoil):
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    spoil(folder)
+    with pytest.raises(UserError, match=expected) as caught:
+        load_run(folder)
+    assert "\n" not in str(caught.value) and str(folder) in str(caught.value)
+
+
+def test_a_run_on_measured_data_has_no_truth_to_compare_with(run, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    written = json.loads((folder / "result.json").read_text())
+    written["config"]["data"]["name"] = "csv"
+    (folder / "result.json").write_text(json.dumps(written))
+    with pytest.raises(UserError, match="no true friction force"):
+        evaluate(configuration(f"run={folder}", *BRIEF))
+
+
+def test_characteristics_of_further_runs_stand_beside(run):
+    result = evaluate(configuration(f"run={run}", f"beside=[{run}]", *BRIEF))
+    assert list(result["characteristics"]["difference_rms"]) == ["PE1", f"PE1, {run.name}"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ("thetta: 'sin(t)'", r"trajectories.pob\[0\].thetta .* did you mean 'theta'"),
+        ("theta: '60*deg*cos(12*t)'", "contact lost at t = .* trajectories.pob"),
+    ],
+)
+def test_a_trajectory_that_cannot_be_simulated_is_named(run, wrong, told):
+    with pytest.raises(UserError, match=told):
+        evaluate(configuration(f"run={run}", f"trajectories.pob=[{{duration: 0.4, {wrong}}}]"))
+
+
+@pytest.mark.parametrize("wrong", ["seeds=[]", "seeds=[-1]", "substeps=0", "grid=1"])
+def test_impossible_options_are_refused(run, wrong):
+    with pytest.raises(UserError, match=wrong.partition("=")[0]):
+        evaluate(configuration(f"run={run}", *BRIEF, wrong))
+
+
+@pytest.mark.parametrize(("wrong", "told"), [([], "add run="), (["run=a", "system=sdop"], "did you mean 'sdob'")])
+def test_a_mistake_on_the_command_line_is_explained(wrong, told):
+    with pytest.raises(UserError, match=told):
+        cli.check_command_line(ROOT / "conf", "evaluate", wrong)
+
+
+def test_the_command_prints_the_table_and_leaves_nothing_else_behind(run, tmp_path):
+    arguments = [sys.executable, str(ROOT / "evaluate.py"), f"run={run}", *BRIEF]
+    environment = {key: value for key, value in os.environ.items() if key != "HYDRA_FULL_ERROR"}
+    process = subprocess.run(
+        arguments, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=240, check=False
+    )
+    assert process.returncode == 0, process.stderr
+    assert "PE1" in process.stdout and "Coulomb + viscous fit" in process.stdout
+    assert process.stdout.splitlines()[-1].endswith(str(run / "evaluation"))
+    assert "Warning" not in process.stderr and not list(tmp_path.iterdir())
