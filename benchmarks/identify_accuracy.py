@@ -18,7 +18,6 @@ import numpy as np
 from omegaconf import OmegaConf
 
 from frictionpinn.data.noise import GaussianNoise
-from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem, bound, maximum_likelihood
 from frictionpinn.identify.likelihood import with_bristle
@@ -102,32 +101,10 @@ def study(seeds: int) -> list[str]:
     return lines
 
 
-def scaling() -> list[str]:
-    """Wall time against the number of trials and of samples."""
-    mechanism, truth, trials = protocol()
-    lines = ["", "time against the amount of data (one fit each, noise seed 0)"]
-    for copies, rate in ((1, 400.0), (4, 400.0), (16, 400.0), (1, 1600.0), (1, 6400.0)):
-        clean = simulate_recording(mechanism.system, "lugre", truth, trials, rate)
-        copied = [Trial(f"{t.name}.{k}", t.t, t.signals) for k in range(copies) for t in clean.trials]
-        recording = GaussianNoise(LEVEL)(Recording(tuple(copied), clean.units), 0)
-        cpu = time.process_time()
-        estimate = maximum_likelihood(mechanism, recording, bounds=bounds_for(truth, 0))
-        spent = time.process_time() - cpu
-        lines.append(
-            f"{len(copied):4d} trials at {rate:5.0f} Hz, {len(recording):7d} samples: {estimate.seconds:7.2f} s wall, "
-            f"{spent:7.2f} s processor, "
-            f"{1e6 * spent / len(recording) / estimate.n_simulations:.2f} us a sample and simulation"
-        )
-        print(lines[-1], flush=True)
-    return lines
-
-
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=50)
-    parser.add_argument("--scaling", action="store_true", help="time against the amount of data as well")
-    arguments = parser.parse_args()
-    text = study(arguments.seeds) + (scaling() if arguments.scaling else [])
+    text = study(parser.parse_args().seeds)
     RESULT.parent.mkdir(parents=True, exist_ok=True)
     RESULT.write_text("\n".join(text) + "\n")
     print("\n".join(text))

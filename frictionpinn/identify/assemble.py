@@ -11,9 +11,11 @@ from .advice import advise, correlation_time, invert, untold, widening
 from .explore import information_of
 from .problem import Problem
 from .result import AT_BOUND, CONVERGED, FAILED, NO_EXCITATION, STOPPED, UNIDENTIFIED, Estimate, interval
-from .solve import Solution, State
+from .solve import Solution, State, reduced
 from .space import Space
 from .trial import TrialModel
+
+WIDEST = 4.0  # factor by which a standard error grows at most for what its neighbours tell
 
 
 def estimated_sigmas(problem: Problem, models: Sequence[TrialModel], state: State) -> dict[str, float]:
@@ -54,11 +56,15 @@ def finish(
     seconds: float,
     n_simulations: int,
     estimator: str = "maximum_likelihood",
-    others: Sequence[Solution] = (),
+    minima: Sequence[Solution] = (),
+    beside: Sequence[State] = (),
 ) -> Estimate:
-    """Assemble the estimate from where the search ended; ``others`` are further minima, which widen its intervals."""
+    """Assemble the estimate from where the search ended.
+
+    ``minima`` are what ``explore`` found, ``beside`` points where the data may tell less: both widen the intervals.
+    """
     state, space = solution.state, problem.space
-    information = information_of([solution, *others])
+    information = information_of(minima or [solution], state)
     low, high = space.limits
     width = np.maximum(high - low, 1e-12)
     at = (state.u - low < 1e-4 * width) | (high - state.u < 1e-4 * width)
@@ -70,6 +76,7 @@ def finish(
     flat = np.concatenate([r for columns in rows.values() for r in columns])
     factor = widening(rows) * problem.loss.inflation(flat)
     covariance = covariance_of(space, state.u, information, mask, at) * factor
+    covariance = _widened(space, state.u, covariance, beside, factor)
     p = np.where(mask, np.nan, space.to_values(state.u))
     errors = np.sqrt(np.diag(covariance))
     positive = space.scales == 0
@@ -87,6 +94,25 @@ def finish(
         sigmas, {model.trial: piece.residuals for model, piece in zip(models, state.pieces, strict=True)},
         {"state": state, "models": tuple(models), "iterations": solution.iterations, "reason": solution.reason},
     )  # fmt: skip
+
+
+def _widened(space: Space, u: np.ndarray, covariance: np.ndarray, beside: Sequence[State], factor: float) -> np.ndarray:
+    """Scale the covariance, shape (n, n), so that no relative error is below what the data would tell beside.
+
+    One slip more or less in a recording changes what it tells threefold, and the noise decides which side is fitted.
+    """
+    own = np.sqrt(covariance.diagonal()) / _units(space, u)
+    largest = np.ones(len(u))
+    for state in beside:
+        T = space.jacobian(state.u)
+        there = np.sqrt(np.maximum((T @ invert(reduced(state)[0]) @ T.T).diagonal() * factor, 0.0))
+        largest = np.fmax(largest, there / _units(space, state.u) / own)
+    largest = np.minimum(largest, WIDEST)
+    return covariance * np.outer(largest, largest)
+
+
+def _units(space: Space, u: np.ndarray) -> np.ndarray:
+    return np.where(space.scales > 0, 1.0, np.abs(space.to_values(u)))
 
 
 def covariance_of(

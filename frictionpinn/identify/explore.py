@@ -10,8 +10,11 @@ from .advice import invert
 from .solve import Evaluate, Solution, State, levenberg_marquardt, reduced
 
 OFFSETS, LONGEST = (0.8, 1.6, 2.4), 1.0  # standard errors; in log u: where to restart
+FAR = 4.0  # standard errors: the neighbours, where a rugged likelihood may tell much less
+LEFT = 2.5  # log-likelihood: a point that lies by more above the quadratic model belongs to another minimum
 SHORT, LONG = 5, 15  # iterations of a search that may be given up, and that is worth finishing
-ROUNDS, WORTH = 2, 1.0  # of restarts at most; gain in log-likelihood that is worth another
+ENOUGH = 0.03  # gain in log-likelihood below which a search ends: the best minimum is refined later
+ROUNDS, WORTH = 2, 0.5  # of restarts at most; gain in log-likelihood that is worth another
 NEAR, FORGOTTEN, SAME = 4.0, 6.0, 0.02  # log-likelihood: worth finishing, counted at all; in log u: the same minimum
 
 
@@ -31,63 +34,83 @@ def explore(evaluate: Evaluate, found: Solution, limits: tuple[np.ndarray, np.nd
             first = evaluate(side.u, side.locals, True)
             if first is None:
                 continue
-            other = descend(evaluate, first, limits, minima[0].state.cost)
-            minima.append(other)
+            minima.append(descend(evaluate, first, limits, minima[0].state.cost))
         minima.sort(key=lambda solution: solution.state.cost)
         if minima[0].state.cost > best.state.cost - WORTH:
             break
     return minima
 
 
+def _weakest(state: State) -> tuple[np.ndarray, np.ndarray]:
+    """Information, shape (n_g, n_g), and the step of one standard error where it is least, shape (n_g,)."""
+    S = reduced(state)[0]
+    values, vectors = np.linalg.eigh(S)
+    return S, vectors[:, 0] / np.sqrt(max(values[0], 1e-12))
+
+
+def _moved(state: State, step: np.ndarray, limits: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, list]:
+    """Global unknowns after a step, and the local ones as the quadratic model moves them."""
+    back, n = reduced(state)[2], len(state.u)
+    u = np.clip(state.u + step * min(1.0, LONGEST / max(np.abs(step).max(), 1e-12)), *limits)
+    return u, [x if X is None else x - X[:, :n] @ (u - state.u) for x, X in zip(state.locals, back, strict=True)]
+
+
 def descend(evaluate: Evaluate, first: State, limits: tuple[np.ndarray, np.ndarray], rival: float) -> Solution:
     """Levenberg-Marquardt search that is given up early where it does not come near the cost ``rival``."""
-    found = levenberg_marquardt(evaluate, first, limits, iterations=SHORT)
+    found = levenberg_marquardt(evaluate, first, limits, iterations=SHORT, decrease=ENOUGH)
     if found.reason == "converged" or found.state.cost > rival + NEAR:
         return found
-    return levenberg_marquardt(evaluate, found.state, limits, iterations=LONG)
+    return levenberg_marquardt(evaluate, found.state, limits, iterations=LONG, decrease=ENOUGH)
 
 
 def _beside(evaluate: Evaluate, state: State, limits: tuple[np.ndarray, np.ndarray]) -> list[State]:
-    """The lowest point on each side along the weakest direction, local unknowns moved as the quadratic model says."""
-    S, _, back = reduced(state)
-    values, vectors = np.linalg.eigh(S)
-    direction, n = vectors[:, 0] / np.sqrt(max(values[0], 1e-12)), len(state.u)
-    result = []
+    """The first point on each side along the weakest direction that has left the minimum, if there is one.
+
+    Local unknowns move as the quadratic model says. Where the cost rises as it does, nothing lies beside.
+    """
+    direction, result = _weakest(state)[1], []
     for side in (-1.0, 1.0):
-        tried = []
         for size in OFFSETS:
-            u = np.clip(state.u + np.clip(side * size * direction, -LONGEST, LONGEST), *limits)
-            locals_ = [
-                x if X is None else x - X[:, :n] @ (u - state.u) for x, X in zip(state.locals, back, strict=True)
-            ]
-            tried.append(evaluate(u, locals_, False))
-        simulated = [other for other in tried if other is not None]
-        if simulated:
-            result.append(min(simulated, key=lambda other: other.cost))
+            other = evaluate(*_moved(state, side * size * direction, limits), False)
+            if other is not None and other.cost > state.cost + size**2 / 2 + LEFT:
+                result.append(other)
+                break
     return result
 
 
-def information_of(minima: Sequence[Solution]) -> np.ndarray:
+def neighbours(evaluate: Evaluate, state: State, limits: tuple[np.ndarray, np.ndarray]) -> list[State]:
+    """Points on both sides along the weakest direction, with derivatives: what the data would tell there."""
+    direction = _weakest(state)[1]
+    found = [evaluate(*_moved(state, side * FAR * direction, limits), True) for side in (-1.0, 1.0)]
+    return [other for other in found if other is not None]
+
+
+def information_of(minima: Sequence[Solution], final: State | None = None) -> np.ndarray:
     """Information on u, shape (n_g, n_g), of a likelihood with several minima: Laplace's approximation at each.
 
     The covariance is sum_k w_k (S_k^-1 + d_k d_k') with d_k the distance from the best and w_k in proportion to
     exp(-cost_k) / sqrt(det S_k); with one minimum it is S^-1.
+
+    Args:
+        minima: best first.
+        final: the best after a last refinement, at other noise levels: its cost does not compare with the others'.
     """
     best = minima[0].state
+    final = final or best
     parts: list[tuple[np.ndarray, np.ndarray, float]] = []
     for solution in minima:
-        state = solution.state
-        if state.cost > best.cost + FORGOTTEN or any(np.abs(state.u - u).max() < SAME for u, _, _ in parts):
+        state, cost = (final, best.cost) if solution is minima[0] else (solution.state, solution.state.cost)
+        if cost > best.cost + FORGOTTEN or any(np.abs(state.u - u).max() < SAME for u, _, _ in parts):
             continue
         S = reduced(state)[0]
         sign, logdet = np.linalg.slogdet(S)
         if sign > 0 or not parts:
-            parts.append((state.u, S, best.cost - state.cost - 0.5 * logdet))
+            parts.append((state.u, S, best.cost - cost - 0.5 * logdet))
     if len(parts) == 1:
         return parts[0][1]
     weights = np.exp(np.array([w for _, _, w in parts]) - max(w for _, _, w in parts))
     weights /= weights.sum()
     covariance = sum(
-        w * (invert(S) + np.outer(u - best.u, u - best.u)) for w, (u, S, _) in zip(weights, parts, strict=True)
+        w * (invert(S) + np.outer(u - final.u, u - final.u)) for w, (u, S, _) in zip(weights, parts, strict=True)
     )
     return invert(np.asarray(covariance))

@@ -13,22 +13,24 @@ from ..errors import UserError
 from ..numerics.simulate import ContactLost, SimulationFailed
 from ..physics.mechanism import Mechanism
 from .assemble import estimated_sigmas, failed, finish
-from .explore import descend, explore
+from .explore import descend, explore, neighbours
 from .problem import Problem
 from .result import Estimate
-from .solve import Solution, levenberg_marquardt
+from .solve import Evaluate, Solution, State, levenberg_marquardt
 from .start import coarse_design, ridge_grid, search
 from .trial import TrialModel
 
 RIVAL = 15.0  # log-likelihood: a start that is worse by more is not tried on the whole trials
 ELSEWHERE = 0.1  # in log u: starts that are closer are the same
+ROUGH = {"rtol": 1e-4, "atol": 1e-5}  # tolerances over windows: errors of 1e-5 m/s are far below any noise
 REACH = 2.0  # times the largest friction force: how far from zero the initial bristle force may be
 GIVEN = "as given"  # a start that is fitted even where it looks poor over windows
 NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
 
 
 def _windows(problem: Problem) -> tuple[TrialModel, ...]:
-    return tuple(window for motion in problem.motions for window in motion.windows())
+    mu_c = (problem.fixed | problem.start).get("mu_c")
+    return tuple(window for motion in problem.motions for window in motion.windows(mu_c))
 
 
 def _evaluator(problem: Problem, models: Sequence[TrialModel], joint: bool, sigmas: Mapping[str, float] | None = None):
@@ -42,19 +44,24 @@ def find_start(problem: Problem, given: Mapping[str, float] | None = None) -> li
     """Fits over short windows to start whole trials from, best first; ``given`` is tried beside the search's."""
     windows = _windows(problem)
     locals_ = [model.local for model in windows]
-    evaluate, space = _evaluator(problem, windows, False), problem.space
+    space = problem.space
+
+    def evaluator(which: Sequence[int]) -> Evaluate:
+        full = _evaluator(problem, [windows[k] for k in which], False)
+        return lambda u, locals_, derivatives, **options: full(u, locals_, derivatives, **(ROUGH | options))
+
     own = []
     if given is not None:
         p = np.array([(problem.start | dict(given))[name] for name in space.names], dtype=float)
-        own = search(evaluate, space, locals_, [p], 1, iterations=20, decrease=0.3)
-        asis = evaluate(space.to_search(p), locals_, False)
+        own = search(evaluator, space, locals_, [p], 1, iterations=20, decrease=0.3)
+        asis = evaluator(range(len(windows)))(space.to_search(p), locals_, False)
         if asis is not None:  # the inputs' noise may lead the refinement astray: the start itself is tried too
             own.append(Solution(asis, 0, 1, GIVEN))
     points = coarse_design(space, problem.start, problem.mass, problem.fixed)
-    found = search(evaluate, space, locals_, points, 2, iterations=6, decrease=2.0)
+    found = search(evaluator, space, locals_, points, 2, iterations=6, decrease=2.0)
     grid = ridge_grid(space, space.to_values(found[0].state.u), problem.fixed) if found else []
     if grid:
-        found += search(evaluate, space, found[0].state.locals, grid, 2, iterations=10, decrease=0.3)
+        found += search(evaluator, space, found[0].state.locals, grid, 2, iterations=10, decrease=0.3)
     return sorted([*own, *found], key=lambda solution: solution.state.cost)
 
 
@@ -116,7 +123,8 @@ def maximum_likelihood(
         options: see :class:`Problem`.
 
     Returns:
-        The estimate with 95 % intervals from the curvature of the likelihood.
+        The estimate with 95 % intervals from the curvature of the likelihood, widened where that has several minima
+        or where its neighbourhood tells less.
 
     Raises:
         UserError: names, bounds or signals that do not fit the mechanism.
@@ -137,7 +145,11 @@ def maximum_likelihood(
     solution, models = best
     minima = explore(_evaluator(problem, models, problem.joint, sigmas), solution, problem.space.limits)
     solution = minima[0]
-    for _ in range(NOISE_ROUNDS if len(problem.given) < len(problem.sigmas) else 0):
+    estimated = len(problem.given) < len(problem.sigmas)
+    if not estimated:
+        evaluate = _evaluator(problem, models, problem.joint, sigmas)
+        solution = levenberg_marquardt(evaluate, solution.state, problem.space.limits, iterations=20)
+    for _ in range(NOISE_ROUNDS if estimated else 0):
         new = estimated_sigmas(problem, models, solution.state)
         change = max(abs(np.log(new[name] / sigmas[name])) for name in new)
         sigmas = new
@@ -149,5 +161,9 @@ def maximum_likelihood(
             solution = replace(solution, state=first)
             break
         solution = levenberg_marquardt(evaluate, first, problem.space.limits, iterations=20)
+    beside: list[State] = []
+    if len(minima) > 1:
+        evaluate = _evaluator(problem, models, problem.joint, sigmas)
+        beside = neighbours(evaluate, solution.state, problem.space.limits)
     spent = time.perf_counter() - began, problem.simulations - before
-    return finish(problem, models, solution, sigmas, *spent, others=minima[1:])
+    return finish(problem, models, solution, sigmas, *spent, minima=minima, beside=beside)

@@ -45,12 +45,16 @@ class Motion:
         peaks, _ = find_peaks(np.where(self.fast, speed, 0.0), distance=SHORTEST)
         return [0, *(int(k) for k in peaks if SHORTEST <= k <= last - SHORTEST), last]
 
-    def windows(self) -> list[TrialModel]:
-        """The trial cut at these peaks, inputs known, starting in steady sliding or at rest."""
+    def windows(self, mu_c: float | None = None) -> list[TrialModel]:
+        """The trial cut at these peaks, inputs known, starting in steady sliding or at rest.
+
+        With ``mu_c`` a bristle that starts in sliding carries that friction force. It forgets it within the first
+        sample, which is left to the window before, and derivatives of a steady start are not needed.
+        """
         model, path = self.model, self.model.path(self.model.local)
         free = model.simulator.mechanism.free
         result = []
-        edges = self.edges
+        edges, normal = self.edges, self._normal() if mu_c else np.zeros(0)
         for k, (i, j) in enumerate(pairwise(edges)):
             start, moving = {}, bool(self.fast[i])
             for c in free:
@@ -58,14 +62,23 @@ class Motion:
                 start[c.signals[1]] = float(self.signals[c.signals[1]][i]) if moving else 0.0
             states = tuple(start) if moving else tuple(c.signals[0] for c in free)
             part = slice(i, j + 1)
+            y = model.y[:, part].copy()
+            if moving and mu_c and "z" in model.simulator.state_names:
+                start["z"] = mu_c * float(normal[i] * np.sign(self.v_slip[i]))
+                y[:, 0] = np.nan
             base = InputPath(path.names, model.t[part], path.coefficients[i:j])
             result.append(
                 replace(
-                    model, trial=f"{model.trial}[{k}]", t=model.t[part], y=np.ascontiguousarray(model.y[:, part]),
-                    base=base, inputs=(), states=states, start=start, directions=None,
+                    model, trial=f"{model.trial}[{k}]", t=model.t[part], y=y, base=base, inputs=(), states=states,
+                    start=start, directions=None,
                 )
             )  # fmt: skip
         return result
+
+    def _normal(self) -> np.ndarray:
+        mechanism = self.model.simulator.mechanism
+        normal = _function(mechanism, mechanism.system.N)(self.signals, _defaults(mechanism))
+        return np.broadcast_to(normal, self.v_slip.shape)
 
 
 def smoothed(mechanism: Mechanism, models: Sequence[TrialModel], sigmas: Mapping[str, float]) -> list[Motion]:

@@ -12,6 +12,7 @@ from .trial import Piece
 
 LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
 STUCK, PATIENCE = 1e12, 5  # damping beyond which no step will help; rejected steps in a row
+TRUSTED = 0.75, 1.5  # decrease over that predicted
 SMALL = 5.0  # times the decrease asked for: two steps in a row that gain less end the search (the cost has kinks)
 
 
@@ -124,6 +125,7 @@ def levenberg_marquardt(
     Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05 (1999), for the damping.
     """
     state, growth, evaluations, small, reason = start, 2.0, 0, 0, "too many iterations"
+    trust = False  # the last step came out as predicted: the next is taken with derivatives at once
     low, high = limits
     for iteration in range(iterations):
         gradient = reduced(state)[1]
@@ -138,19 +140,21 @@ def levenberg_marquardt(
             if step is not None:
                 u = np.clip(state.u + step[0], low, high)
                 locals_ = [x + d for x, d in zip(state.locals, step[1], strict=True)]
-                better, evaluations = evaluate(u, locals_, False), evaluations + 1
+                better, evaluations = evaluate(u, locals_, trust), evaluations + 1
             gain = state.cost - better.cost if better else -np.inf
             if step is not None and better is not None and gain > 0:
                 ratio = gain / max(step[2], 1e-300)
                 damping = max(damping * max(1 / 5, 1 - (2 * ratio - 1) ** 3), 1e-12)
-                growth = 2.0
+                growth, known = 2.0, trust
+                trust = TRUSTED[0] < ratio < TRUSTED[1]
                 break
+            trust = False
             damping, growth = max(damping, 1e-9) * growth, growth * 2
             rejected += 1
             if damping > STUCK or rejected > PATIENCE:
                 return Solution(state, iteration, evaluations, "stuck")
         small = small + 1 if gain < max(relative * state.cost, SMALL * decrease) else 0
-        found = evaluate(better.u, better.locals, True)
+        found = better if known else evaluate(better.u, better.locals, True)
         state = found if found is not None else replace(better, pieces=state.pieces)
         if small > 1 or found is None:
             return Solution(state, iteration + 1, evaluations, "converged" if found else "stuck")

@@ -8,7 +8,7 @@ the ridge along which static friction and Stribeck velocity move together: a gri
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from scipy.stats import qmc
 from ..models.start import DECADES
 from ..physics.mechanism import Mechanism
 from .motion import Motion, effective_mass, sliding_regression
-from .solve import Evaluate, Solution, State, levenberg_marquardt
+from .solve import Evaluate, Solution, levenberg_marquardt
 from .space import Space
 
 DESIGNED = ("sigma_0", "sigma_1", "mu_s", "v_s")  # what the sliding samples do not tell
@@ -26,6 +26,7 @@ DAMPING_RATIO = (0.03, 1.0)
 STATIC_RATIO = (1.05, 4.0)  # mu_s / mu_c
 RIDGE = (6, 8)  # grid over mu_s / mu_c and v_s
 SLOPPY = {"rtol": 1e-3, "atol": 1e-4}  # for ranking
+FIRST = 4  # one window in so many is simulated first: most points of a grid are out after these
 
 
 @dataclass(frozen=True)
@@ -111,31 +112,61 @@ def ridge_grid(space: Space, p: np.ndarray, fixed: Mapping[str, float]) -> list[
 
 
 def search(
-    evaluate: Evaluate, space: Space, locals_: Sequence[np.ndarray], points: Sequence[np.ndarray], best: int, **options
+    evaluator: Callable[[Sequence[int]], Evaluate],
+    space: Space,
+    locals_: Sequence[np.ndarray],
+    points: Sequence[np.ndarray],
+    best: int,
+    **options,
 ) -> list[Solution]:
     """Rank parameter vectors by a cheap simulation and refine the best few; lowest cost first.
 
     Args:
-        evaluate: (u, locals, derivatives, **simulator's options) -> State or None.
+        evaluator: indices of windows -> their (u, locals, derivatives, **simulator's options) -> State or None.
         locals_: local unknowns that every vector starts with.
         points: parameter vectors, SI units.
         best: how many are refined.
         options: of the Levenberg-Marquardt search.
     """
-    ranked: list[tuple[float, State]] = []
-    for p in points:
-        state = evaluate(space.to_search(p), locals_, False, **SLOPPY) if len(points) > 1 else None
-        if len(points) == 1:
-            state = evaluate(space.to_search(p), locals_, False)
-        if state is not None:
-            ranked.append((state.cost, state))
-    ranked.sort(key=lambda item: item[0])
-    found = []
-    for _, state in ranked[:best]:
-        first = evaluate(state.u, locals_, True)
+    evaluate, found = evaluator(range(len(locals_))), []
+    for u in lowest(evaluator, locals_, [space.to_search(p) for p in points], best):
+        first = evaluate(u, locals_, True)
         if first is not None:
             found.append(levenberg_marquardt(evaluate, first, space.limits, **options))
     return sorted(found, key=lambda solution: solution.state.cost)
+
+
+def lowest(
+    evaluator: Callable[[Sequence[int]], Evaluate],
+    locals_: Sequence[np.ndarray],
+    us: Sequence[np.ndarray],
+    count: int,
+) -> list[np.ndarray]:
+    """The ``count`` search vectors of lowest cost, lowest first.
+
+    Some windows are simulated at every vector. The others follow in the order of that cost, until it alone, with the
+    least that the others have cost so far, exceeds what was found.
+    """
+    if len(us) <= count:
+        return list(us)
+    some = range(0, len(locals_), FIRST)
+    rest = sorted(set(range(len(locals_))) - set(some))
+    begun = []
+    for k, u in enumerate(us):
+        state = evaluator(some)(u, [locals_[i] for i in some], False, **SLOPPY)
+        if state is not None:
+            begun.append((state.cost, k))
+    ranked: list[tuple[float, int]] = []
+    least = np.inf
+    for cost, k in sorted(begun):
+        if len(ranked) >= count and cost + least > ranked[count - 1][0]:
+            break
+        state = evaluator(rest)(us[k], [locals_[i] for i in rest], False, **SLOPPY) if rest else None
+        if state is not None or not rest:
+            other = state.cost if state is not None else 0.0
+            least = min(least, other)
+            ranked = sorted([*ranked, (cost + other, k)])
+    return [us[k] for _, k in ranked[:count]]
 
 
 def _between(low: float, high: float, x: float) -> float:

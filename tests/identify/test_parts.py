@@ -1,6 +1,7 @@
 """The parts of the engine: search coordinates, splines, elimination, derivatives."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,12 +11,15 @@ from hypothesis import strategies as st
 
 from frictionpinn.identify import Problem
 from frictionpinn.identify.advice import correlation_time
+from frictionpinn.identify.assemble import WIDEST, _widened
 from frictionpinn.identify.gram import gram
 from frictionpinn.identify.inputs import PathBasis, choose_basis
 from frictionpinn.identify.likelihood import with_bristle
 from frictionpinn.identify.loss import choose_loss
-from frictionpinn.identify.solve import reduced
+from frictionpinn.identify.solve import State, reduced
 from frictionpinn.identify.space import Space
+from frictionpinn.identify.start import lowest
+from frictionpinn.identify.trial import Piece
 
 
 def space():
@@ -136,3 +140,31 @@ def test_correlation_time_is_one_for_white_noise_and_longer_for_filtered_noise()
     assert correlation_time([white]) == pytest.approx(1.0, abs=0.2)
     filtered = np.convolve(white, np.ones(8) / 8, "valid")
     assert correlation_time([filtered]) == pytest.approx(8.0, rel=0.3)
+
+
+def test_ranking_by_parts_finds_the_lowest_points_without_simulating_all():
+    rng = np.random.default_rng(0)
+    minimum, calls = rng.normal(size=(9, 2)) * 0.1, [0]
+
+    def evaluator(which):
+        def evaluate(u, locals_, derivatives, **options):
+            calls[0] += len(which)
+            return SimpleNamespace(cost=sum(float((u - minimum[k]) @ (u - minimum[k])) for k in which))
+
+        return evaluate
+
+    us = list(rng.normal(size=(40, 2)))
+    costs = [evaluator(range(9))(u, (), False).cost for u in us]
+    calls[0] = 0
+    found = lowest(evaluator, [np.zeros(0)] * 9, us, 2)
+    assert [costs[next(k for k, u in enumerate(us) if u is own)] for own in found] == sorted(costs)[:2]
+    assert calls[0] < 0.7 * 9 * len(us)
+
+
+@pytest.mark.parametrize(("information", "factor"), [(25.0, 2.0), (400.0, 1.0), (1e-3, WIDEST)])
+def test_a_point_that_tells_less_widens_the_interval(information, factor):
+    one = Space(("mu_c",), np.array([0.01]), np.array([1.0]), (-1,), np.zeros(1))
+    u = np.log([0.1])
+    beside = State(u + 0.3, (np.zeros(0),), (Piece(0.0, {}, np.array([[information]]), grad_g=np.zeros(1)),))
+    covariance = _widened(one, u, np.array([[1e-4]]), [beside], 1.0)
+    assert covariance[0, 0] == pytest.approx(1e-4 * factor**2)
