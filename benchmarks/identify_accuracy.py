@@ -54,7 +54,7 @@ def cost_from_truth(problem: Problem, truth: dict[str, float], sigmas: dict[str,
     return levenberg_marquardt(evaluate, first, problem.space.limits, iterations=30).state.cost
 
 
-def study(seeds: int) -> list[str]:
+def study(seeds: int, start: int = 0) -> list[str]:
     mechanism, truth, trials = protocol()
     clean = simulate_recording(mechanism.system, "lugre", truth, trials, RATE_HZ)
     noise = GaussianNoise(LEVEL)
@@ -63,7 +63,7 @@ def study(seeds: int) -> list[str]:
     names = list(limit)
     maximum_likelihood(mechanism, noise(clean, 10_000), bounds=bounds_for(truth, 10_000))  # warm
     errors, covered, seconds, processor, simulations, basin = [], [], [], [], [], []
-    for seed in range(seeds):
+    for seed in range(start, start + seeds):
         wall, cpu = time.perf_counter(), time.process_time()
         problem = Problem(mechanism, noise(clean, seed), bounds=bounds_for(truth, seed))
         estimate = maximum_likelihood(problem)
@@ -104,7 +104,13 @@ def study(seeds: int) -> list[str]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=50)
-    text = study(parser.parse_args().seeds)
-    RESULT.parent.mkdir(parents=True, exist_ok=True)
-    RESULT.write_text("\n".join(text) + "\n")
+    parser.add_argument(
+        "--from-seed", type=int, default=0, help="first noise seed; other than 0 writes a file of its own"
+    )
+    chosen = parser.parse_args()
+    text = study(chosen.seeds, chosen.from_seed)
+    suffix = f"_from_{chosen.from_seed}" if chosen.from_seed else ""
+    target = RESULT.with_stem(RESULT.stem + suffix)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text("\n".join(text) + "\n")
     print("\n".join(text))
