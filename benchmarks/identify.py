@@ -122,9 +122,9 @@ def draw(results: dict[str, list[dict]]) -> Figure:
     axes.set(
         xscale="log", yscale="log", xlabel="time (s)", ylabel="error over the bound (sigma_0, sigma_1, sigma_2, mu_c)"
     )
-    axes.text(0.02, 1.04, "Cramer-Rao bound", transform=axes.get_yaxis_transform(), fontsize=9)
+    axes.text(0.02, 1.08, "Cramer-Rao bound", transform=axes.get_yaxis_transform(), fontsize=9)
     axes.set_title("Identification of LuGre friction at 5 % noise: error against time")
-    axes.legend(frameon=False)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     return figure
 
 
