@@ -82,14 +82,7 @@ def check_truth(law, truth: Mapping[str, float]) -> None:
                 allowed=f"{par.low:g} to {par.high:g}",
                 fix="give its value in SI units",
             )
-    if "mu_s" in names and float(truth["mu_s"]) < float(truth["mu_c"]):
-        raise UserError(
-            "static below Coulomb friction",
-            where="data.truth.mu_s",
-            received=truth["mu_s"],
-            allowed=f"at least mu_c = {truth['mu_c']}",
-            fix="raise mu_s or lower mu_c",
-        )
+    law.check_order(truth, "data.truth")
 
 
 def _trial(simulator: Simulator, truth: dict[str, float], spec: Mapping[str, Any], k: int, rate_hz: float) -> Trial:

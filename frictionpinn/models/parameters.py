@@ -117,14 +117,7 @@ def _check(law: FrictionLaw, start: Mapping, bounds: Mapping, fixed: Mapping) ->
             )
         _check_value(par, float(start[par.name]), (low, high), "start")
     merged = {**start, **fixed}
-    if "mu_s" in merged and merged["mu_s"] < merged["mu_c"]:
-        raise UserError(
-            "static below Coulomb friction",
-            where="friction.start.mu_s",
-            received=merged["mu_s"],
-            allowed=f"at least mu_c = {merged['mu_c']:g}",
-            fix="raise mu_s or lower mu_c",
-        )
+    law.check_order(merged, "friction.start")
 
 
 def _check_value(par, value: float, bounds: tuple[float, float], where: str) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
 
 import sympy as sp
 
+from ..errors import UserError
 from .scan import Scan
 
 TIME = sp.Symbol("t", real=True)
@@ -95,6 +97,20 @@ class FrictionLaw:
     def constraints(self, p: SimpleNamespace) -> tuple[sp.Expr, ...]:
         """Expressions of the parameters that must not be negative (mu_s - mu_c)."""
         return ()
+
+    def check_order(self, values: Mapping[str, float], where: str) -> None:
+        """Raise :class:`UserError` where values, SI units, break one of :meth:`constraints`."""
+        for expr in self.constraints(self.symbols):
+            share = {symbol.name: float(expr.coeff(symbol)) for symbol in expr.free_symbols}
+            upper, lower = max(share, key=share.__getitem__), min(share, key=share.__getitem__)
+            if float(values[upper]) < float(values[lower]):
+                raise UserError(
+                    "static below Coulomb friction",
+                    where=f"{where}.{upper}",
+                    received=values[upper],
+                    allowed=f"at least {lower} = {values[lower]:g}",
+                    fix=f"raise {upper} or lower {lower}",
+                )
 
     @property
     def symbols(self) -> SimpleNamespace:
