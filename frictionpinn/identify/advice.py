@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..physics.mechanism import Mechanism
 from .result import correlation_of, sentences
 from .space import Space
 
@@ -64,19 +65,46 @@ def correlation_time(residuals: Sequence[np.ndarray]) -> float:
     return total
 
 
+def hints_for(mechanism: Mechanism) -> dict[str, str]:
+    """What to record so that a parameter shows, by its name."""
+    result = dict(HINTS)
+    for effect in mechanism.effects:
+        experiment = effect.said().get("experiment", "").rstrip(".")
+        for par in effect.parameters_on(mechanism.system, mechanism.law):
+            if experiment and par.name not in result:
+                result[par.name] = f"record {experiment}"
+    return result
+
+
 def advise(
-    space: Space, covariance: np.ndarray, mask: np.ndarray, at: Sequence[str], slides: bool, memory_time: float
+    mechanism: Mechanism,
+    space: Space,
+    covariance: np.ndarray,
+    mask: np.ndarray,
+    at: Sequence[str],
+    limits: Mapping[str, float],
+    as_measured: Sequence[str],
+    slides: bool,
+    memory_time: float,
 ) -> tuple[str, ...]:
-    """Sentences for the result: no sliding, parameters not told or at a bound, correlations, a model that lacks."""
-    result = []
+    """Sentences for the result: no sliding, parameters not told or at a bound, correlations, a model that lacks.
+
+    ``limits`` are strengths of effects at a physical limit, ``as_measured`` inputs whose noise is ignored.
+    """
+    result, hints = [], hints_for(mechanism)
     if not slides:
         result.append("the contact hardly slides in this recording: increase the excitation until it does")
     for name, hidden in zip(space.names, mask, strict=True):
         if hidden:
-            result.append(f"{name} does not show in these data: {HINTS.get(name, 'vary the excitation')}")
+            result.append(f"{name} does not show in these data: {hints.get(name, 'vary the excitation')}")
+    for name, value in limits.items():
+        more = ": the data show no such effect" if value == 0 else ""
+        result.append(f"{name} ended at {value:g}, its physical limit{more}")
     for name in at:
         result.append(f"{name} ended at its bound: widen bounds.{name}, or hold it fixed")
-    result += sentences(space.names, np.nan_to_num(correlation_of(covariance)), HINTS)
+    result += sentences(space.names, np.nan_to_num(correlation_of(covariance)), hints)
+    if as_measured:
+        result.append(f"too rough for a smooth path, taken as measured without noise: {', '.join(as_measured)}")
     if memory_time > CORRELATED:
         result.append(
             f"residuals stay correlated over {memory_time:.0f} samples: the model lacks something or its inputs are "

@@ -15,6 +15,7 @@ from .solve import Solution, State, reduced
 from .space import Space
 from .trial import TrialModel
 
+RISE = 1.920729  # half the 95 % quantile of chi-squared with one degree of freedom
 WIDEST = 4.0  # factor by which a standard error grows at most for what its neighbours tell
 
 
@@ -66,7 +67,7 @@ def finish(
     state, space = solution.state, problem.space
     information = information_of(minima or [solution], state)
     low, high = space.limits
-    width = np.maximum(high - low, 1e-12)
+    width = np.where(np.isfinite(high - low), np.maximum(high - low, 1e-12), 1.0)
     at = (state.u - low < 1e-4 * width) | (high - state.u < 1e-4 * width)
     mask = untold(space, state.u, information) & ~at
     rows: dict[str, list[np.ndarray]] = {}
@@ -78,10 +79,16 @@ def finish(
     covariance = covariance_of(space, state.u, information, mask, at) * factor
     covariance = _widened(space, state.u, covariance, beside, factor)
     p = np.where(mask, np.nan, space.to_values(state.u))
+    ends = at & at_limits(problem, p)
     errors = np.sqrt(np.diag(covariance))
     positive = space.scales == 0
     slides = any(motion.fast.any() for motion in problem.motions)
-    names_at = [name for name, hit in zip(space.names, at, strict=True) if hit]
+    names_at = [name for name, hit in zip(space.names, at & ~ends, strict=True) if hit]
+    limits = {name: value for name, value, hit in zip(space.names, p.tolist(), ends, strict=True) if hit}
+    smooth = {name for model in models for item in model.inputs for name in item.names}
+    rough = [name for name in problem.channels.input_names if problem.joint and name in sigmas and name not in smooth]
+    ci95 = {n: interval(p[i], errors[i], bool(positive[i])) for i, n in enumerate(space.names)}
+    ci95 |= {n: one_sided(state, space, space.names.index(n), factor) for n in limits}
     outcome = CONVERGED if solution.reason in ("converged", "stuck") else STOPPED
     outcome = AT_BOUND if names_at else UNIDENTIFIED if mask.any() else outcome
     outcome = NO_EXCITATION if not slides or mask.all() else outcome
@@ -89,11 +96,35 @@ def finish(
     return Estimate(
         estimator, space.names, dict(zip(space.names, p.tolist(), strict=True)),
         {name: problem.mechanism.units[name] for name in space.names}, covariance,
-        {n: interval(p[i], errors[i], bool(positive[i])) for i, n in enumerate(space.names)},
-        outcome, advise(space, covariance, mask, names_at, slides, memory_time), state.cost, n_simulations, seconds,
+        ci95, outcome, advise(problem.mechanism, space, covariance, mask, names_at, limits, rough, slides, memory_time),
+        state.cost, n_simulations, seconds,
         sigmas, {model.trial: piece.residuals for model, piece in zip(models, state.pieces, strict=True)},
         {"state": state, "models": tuple(models), "iterations": solution.iterations, "reason": solution.reason},
     )  # fmt: skip
+
+
+def at_limits(problem: Problem, p: np.ndarray) -> np.ndarray:
+    """Which free parameters are strengths of effects at a physical limit (no drag, all of the dry friction)."""
+    table = {par.name: par for par in problem.mechanism.parameters}
+    pars = [table[name] for name in problem.names]
+    return np.array([par.neutral is not None and v in (par.low, par.high) for par, v in zip(pars, p, strict=True)])
+
+
+def one_sided(state: State, space: Space, i: int, factor: float) -> tuple[float, float]:
+    """95 % interval, SI units, of a parameter at its bound: how far inside the cost rises by 1.92 (times ``factor``).
+
+    The others move with it: with slope g and curvature S of the profile, g d + S d^2 / 2 = 1.92 at the distance d.
+    """
+    S, gradient, _ = reduced(state)
+    curvature, slope = 1 / max(float(invert(S)[i, i]), 1e-300), abs(float(gradient[i]))
+    rise = RISE * factor
+    d = 2 * rise / (slope + np.sqrt(slope**2 + 2 * curvature * rise))
+    low, high = space.limits
+    inside = state.u.copy()
+    upwards = state.u[i] - low[i] < high[i] - state.u[i]
+    inside[i] = np.clip(state.u[i] + (d if upwards else -d), low[i], high[i])
+    ends = sorted([float(space.to_values(state.u)[i]), float(space.to_values(inside)[i])])
+    return ends[0], ends[1]
 
 
 def _widened(space: Space, u: np.ndarray, covariance: np.ndarray, beside: Sequence[State], factor: float) -> np.ndarray:

@@ -19,6 +19,7 @@ from .inputs import PathBasis, choose_basis
 from .trial import NoisyInput, TrialModel
 
 MOST_COEFFICIENTS = 150  # of one input in one window; a signal that needs more is interpolated as measured
+MOST_OF_A_MOTION = 300  # the same for a driven coordinate
 LONGEST_S_SAMPLES = 4000  # a trial with more samples is cut into windows of about half as many
 REST = 4.0  # standard errors: a smoothed initial velocity below counts as rest, where the search starts
 
@@ -54,7 +55,8 @@ class Channels:
                                 fix="record the driven coordinate")  # fmt: skip
         plain: list[tuple[str, int]] = []
         if mechanism.system.massless:
-            outputs = {item.name: "F" for item in mechanism.system.inputs if item.name in recorded}
+            shown = {item.name: item.name if mechanism.effects else "F" for item in mechanism.system.inputs}
+            outputs = {name: key for name, key in shown.items() if name in recorded}
         else:
             acting = set().union(*(sp.sympify(row).free_symbols for row in mechanism.residuals))
             plain = [
@@ -119,7 +121,12 @@ class Builder:
         coefficients = np.zeros((len(t) - 1, len(mechanism.input_signals), DEGREE + 1))
         noisy: list[NoisyInput] = []
         for signals, columns in self.channels.motions:
-            noisy.append(self._motion(trial, signals, columns))
+            item = self._motion(trial, signals, columns)
+            if item is not None:
+                noisy.append(item)
+            else:
+                path = InputPath.from_signals(mechanism, t, self._zeros(trial) | _named(trial, signals))
+                coefficients[:, list(columns)] = path.coefficients[:, list(columns)]
         for name, column in self.channels.plain:
             item = self._plain(trial, name, column) if self.noisy else None
             if item is not None:
@@ -140,10 +147,14 @@ class Builder:
         driven = [name for c in self.simulator.mechanism.driven for name in c.signals]
         return {name: np.zeros(len(trial.t)) for name in driven}
 
-    def _motion(self, trial: Trial, signals: tuple[str, ...], columns: tuple[int, ...]) -> NoisyInput:
+    def _motion(self, trial: Trial, signals: tuple[str, ...], columns: tuple[int, ...]) -> NoisyInput | None:
+        """The spline of a driven coordinate; None where it needs many coefficients and all three signals are known."""
         y, sigmas = _rows(trial, signals), np.array([self.sigmas.get(name, 1.0) for name in signals])
-        most = len(trial.t) // 2
-        basis = choose_basis(trial.t, y, sigmas, most) or PathBasis.evenly(trial.t, most - DEGREE, 3)
+        most = min(MOST_OF_A_MOTION, len(trial.t) // 2)
+        basis = choose_basis(trial.t, y, sigmas, most)
+        if basis is None and np.isfinite(y).all():
+            return None
+        basis = basis or PathBasis.evenly(trial.t, most - DEGREE, 3)
         return NoisyInput(signals, columns, basis, y, basis.fit(y, sigmas)[0])
 
     def _plain(self, trial: Trial, name: str, column: int) -> NoisyInput | None:
@@ -165,9 +176,13 @@ class Builder:
             start[q] = smooth[q][0] if q in smooth else 0.0
             value, error = smooth.get(v, (0.0, 1.0))
             start[v] = value if abs(value) > REST * error and self.initial == "free" else 0.0
-        if self.simulator.mechanism.law.memory:
+        if self.simulator.mechanism.memory:
             start["z"] = 0.0
         return start
+
+
+def _named(trial: Trial, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    return {name: np.asarray(trial.signals[name], float) for name in names}
 
 
 def _rows(trial: Trial, names) -> np.ndarray:

@@ -57,7 +57,7 @@ def find_start(problem: Problem, given: Mapping[str, float] | None = None) -> li
         asis = evaluator(range(len(windows)))(space.to_search(p), locals_, False)
         if asis is not None:  # the inputs' noise may lead the refinement astray: the start itself is tried too
             own.append(Solution(asis, 0, 1, GIVEN))
-    points = coarse_design(space, problem.start, problem.mass, problem.fixed)
+    points = coarse_design(space, problem.start, problem.mass, problem.fixed, problem.shapes)
     found = search(evaluator, space, locals_, points, 2, iterations=6, decrease=2.0)
     grid = ridge_grid(space, space.to_values(found[0].state.u), problem.fixed) if found else []
     if grid:
@@ -75,8 +75,11 @@ def with_bristle(problem: Problem, u: np.ndarray) -> tuple[TrialModel, ...]:
         start = {name: value for name, value in model.start.items() if name != "z"}
         steady = replace(model, states=(), start=start, inputs=(), base=model.path(model.local), directions=None)
         run = steady.simulate(p, np.zeros(0))
-        force = {"z": float(run.z[0]) * p.get("sigma_0", 1.0)}
-        result.append(replace(model, start=model.start | force, force_scale=REACH * float(np.abs(run.F).max()) or 1.0))
+        if "sigma_0" in p:
+            z, largest = float(run.z[0]) * p["sigma_0"], float(np.abs(run.F).max())
+        else:
+            z, largest = float(run.z[0]), float(np.abs(run.z).max())
+        result.append(replace(model, start=model.start | {"z": z}, force_scale=REACH * largest or 1.0))
     return tuple(result)
 
 

@@ -63,7 +63,7 @@ class Motion:
             states = tuple(start) if moving else tuple(c.signals[0] for c in free)
             part = slice(i, j + 1)
             y = model.y[:, part].copy()
-            if moving and mu_c and "z" in model.simulator.state_names:
+            if moving and mu_c and "sigma_0" in model.simulator.parameter_names:
                 start["z"] = mu_c * float(normal[i] * np.sign(self.v_slip[i]))
                 y[:, 0] = np.nan
             base = InputPath(path.names, model.t[part], path.coefficients[i:j])
@@ -85,7 +85,7 @@ def smoothed(mechanism: Mechanism, models: Sequence[TrialModel], sigmas: Mapping
     """Smooth the free coordinates by splines (knots by Bayesian information criterion), the inputs as fitted."""
     signals = [dict(model.path(model.local).signals) for model in models]
     for own, model in zip(signals, models, strict=True):  # the force of an imposed motion is measured, not an input
-        forces = [name for name, key in model.outputs.items() if key == "F"]
+        forces = model.outputs if mechanism.system.massless else ()
         own.update({name: np.nan_to_num(model.y[list(model.outputs).index(name)]) for name in forces})
     for c in mechanism.free:
         known = [sigmas.get(name) for name in c.signals]
@@ -107,16 +107,17 @@ def smoothed(mechanism: Mechanism, models: Sequence[TrialModel], sigmas: Mapping
 def sliding_regression(
     mechanism: Mechanism, motions: Sequence[Motion], values: Mapping[str, float], free: Sequence[str]
 ) -> dict[str, float]:
-    """Least squares on the sliding samples: E + J (mu_c F_N sign(v) + sigma_2 v) = 0.
+    """Least squares on the sliding samples: E + J (mu_c F_N sign(v) + sigma_2 v + forces of effects) = 0.
 
     Args:
         values: parameters of the system that are known, and start values of those that are not.
-        free: parameters to find among mu_c, sigma_2 and those of the system.
+        free: parameters to find among mu_c, sigma_2, those of the system and strengths whose force is known there.
 
     Returns:
         name -> value of those.
     """
     system = mechanism.system
+    extra = _forces_of_effects(mechanism, free)
     names = [n for n in free if n in ("mu_c", "sigma_2") or n in {par.name for par in system.parameters}]
     if not names or not any(motion.fast.any() for motion in motions):
         return {}
@@ -124,19 +125,25 @@ def sliding_regression(
     used = [c for c in rows if system.jacobian[c.name] != 0]
     mu, viscous = sp.Symbol("mu_c", real=True), sp.Symbol("sigma_2", real=True)
     force = mu * system.N * sp.sign(system.v_slip) + viscous * system.v_slip
+    force += sum((sp.Symbol(name, real=True) * slope for name, slope in extra.items()), start=sp.Integer(0))
     functions = [_function(mechanism, system.residual(c) + system.jacobian[c.name] * force) for c in used]
     stacked = {key: np.concatenate([m.signals[key][m.fast] for m in motions]) for key in motions[0].signals}
-    scale = max(float(np.std(functions[0](stacked, {**values, "mu_c": 0.0, "sigma_2": 0.0}))), 1e-12)
-    known = {"mu_c": 0.0, "sigma_2": 0.0} | dict(values)
+    nothing = {"mu_c": 0.0, "sigma_2": 0.0} | dict.fromkeys(extra, 0.0)
+    scale = max(float(np.std(functions[0](stacked, {**values, **nothing}))), 1e-12)
+    known = {"mu_c": 0.0, "sigma_2": 0.0} | dict(values) | dict.fromkeys(extra, 0.0)
     guess = {name: _guess(name, stacked, functions[0], known) for name in names}
+    unit = {name: scale / (_rms(functions[0], stacked, known, name) or 1.0) for name in extra}
 
     def residual(logs: np.ndarray) -> np.ndarray:
-        p = known | dict(zip(names, np.exp(logs), strict=True))
+        p = known | dict(zip(names, np.exp(logs[: len(names)]), strict=True))
+        p |= {name: unit[name] * x for name, x in zip(extra, logs[len(names) :], strict=True)}
         return np.concatenate([f(stacked, p) for f in functions]) / scale
 
-    start = np.log([max(guess[name], 1e-9) for name in names])
+    start = np.append(np.log([max(guess[name], 1e-9) for name in names]), np.zeros(len(extra)))
     found = least_squares(residual, start, loss="soft_l1", f_scale=0.3, max_nfev=60, bounds=(start - 12, start + 8))
-    return dict(zip(names, np.exp(found.x).tolist(), strict=True))
+    return dict(zip(names, np.exp(found.x[: len(names)]).tolist(), strict=True)) | {
+        name: unit[name] * x for name, x in zip(extra, found.x[len(names) :].tolist(), strict=True)
+    }
 
 
 def effective_mass(mechanism: Mechanism, motions: Sequence[Motion], values: Mapping[str, float]) -> float | None:
@@ -147,6 +154,25 @@ def effective_mass(mechanism: Mechanism, motions: Sequence[Motion], values: Mapp
             f = _function(mechanism, sp.diff(mechanism.system.residual(c), c.symbols[2]) / jacobian**2)
             return float(np.mean([np.mean(f(m.signals, values)) for m in motions]))
     return None
+
+
+def _forces_of_effects(mechanism: Mechanism, free: Sequence[str]) -> dict[str, sp.Expr]:
+    """Free strengths of effects -> the force of one unit in terms of the motion alone (no memory, no shape to find)."""
+    neutral = {par.symbol: par.neutral for par in mechanism.parameters if par.neutral is not None}
+    unknown = {par.symbol for par in mechanism.parameters if par.name in free}
+    allowed = {s for c in mechanism.system.moving for s in c.symbols} | {par.symbol for par in mechanism.parameters}
+    result = {}
+    for par in mechanism.parameters:
+        if par.neutral is not None and par.name in free:
+            slope = sp.diff(mechanism.friction, par.symbol).xreplace(neutral)
+            if slope != 0 and slope.free_symbols <= allowed - unknown:
+                result[par.name] = slope
+    return result
+
+
+def _rms(function, stacked: dict[str, np.ndarray], known: Mapping[str, float], name: str) -> float:
+    """Root mean square of what a unit of a parameter changes."""
+    return float(np.sqrt(np.mean((function(stacked, {**known, name: 1.0}) - function(stacked, known)) ** 2)))
 
 
 def _guess(name: str, stacked: dict[str, np.ndarray], function, known: Mapping[str, float]) -> float:

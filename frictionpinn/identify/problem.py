@@ -88,9 +88,15 @@ class Problem:
         self.motions = smoothed(mechanism, self.trials, self.sigmas)
         scales = data_start(mechanism, self.motions, self.fixed, names)
         self.mass = scales.mass
+        table = {par.name: par for par in mechanism.parameters}
         self.space = Space.build(
-            mechanism, names, default_bounds(mechanism, scales.start, dict(bounds or {})), self.fixed
+            mechanism,
+            names,
+            default_bounds(mechanism, scales, dict(bounds or {})),
+            self.fixed,
+            {name: scales.sizes.of(table[name]) for name in names},
         )
+        self.shapes = tuple(name for name in self.space.names if table[name].hidden and table[name].scan is not None)
         self.names = self.space.names
         self.start = dict(
             zip(

@@ -89,9 +89,10 @@ class Estimate:
 
     def __str__(self) -> str:
         lines = [f"{self.estimator}: {self.outcome}, {self.n_simulations} simulations, {self.seconds:.2f} s"]
+        width = max(map(len, self.names))
         for name in self.names:
             low, high = self.ci95[name]
-            lines.append(f"  {name:8s} {self.values[name]:.6g} [{low:.4g}, {high:.4g}] {self.units[name]}")
+            lines.append(f"  {name:{width}s} {self.values[name]:.6g} [{low:.4g}, {high:.4g}] {self.units[name]}")
         return "\n".join([*lines, *("  " + sentence for sentence in self.advice)])
 
 

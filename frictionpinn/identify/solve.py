@@ -80,7 +80,7 @@ def reduced(state: State, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray,
 def _step(state: State, damping: float, frozen: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], float] | None:
     """Damped Gauss-Newton step (global, local) and the decrease that the quadratic model predicts for it."""
     S, g, back = reduced(state, damping)
-    n, free = len(state.u), ~frozen
+    n, free = len(state.u), ~frozen & (S.diagonal() > 0)  # what shows nowhere stays
     du = np.zeros(n)
     if free.any():
         scale = 1 / np.sqrt(np.maximum(S.diagonal()[free], 1e-300))

@@ -10,6 +10,7 @@ import numpy as np
 import sympy as sp
 
 from ..errors import UserError, nearest
+from ..physics.base import Parameter
 from ..physics.mechanism import Mechanism
 
 LEAST_GAP = 1e-3  # of the lower bound: two parameters that must not cross stay this far apart
@@ -20,7 +21,7 @@ class Space:
     """Free parameters p and the vector u in which they are searched.
 
     u is log p; log(p - p_below) for a parameter that must not fall below another free one (mu_s above mu_c); and
-    p / scale for a parameter that may be negative.
+    p / scale for a parameter that may be zero or negative (the strength of an effect, a place).
 
     Attributes:
         names: free parameters, in the mechanism's order.
@@ -42,8 +43,12 @@ class Space:
         names: Sequence[str],
         bounds: Mapping[str, Sequence[float]],
         fixed: Mapping[str, float],
+        sizes: Mapping[str, float] | None = None,
     ) -> Space:
         """Check names and bounds against the mechanism's parameters.
+
+        Args:
+            sizes: name -> unit in which it is searched if it may be zero; by default half the width of its bounds.
 
         Raises:
             UserError: an unknown name, bounds that are empty or outside the parameter's physical range.
@@ -77,8 +82,11 @@ class Space:
             elif lower in ordered and upper in fixed:
                 i = ordered.index(lower)
                 high[i] = min(high[i], fixed[upper] * (1 - LEAST_GAP))
-        signed = [table[name].low < 0 for name in ordered]
-        scales = [_scale(low[i], high[i], table[name].neutral) if signed[i] else 0.0 for i, name in enumerate(ordered)]
+        sizes = sizes or {}
+        scales = [
+            sizes.get(name) or _scale(low[i], high[i], table[name].neutral) if _linear(table[name]) else 0.0
+            for i, name in enumerate(ordered)
+        ]
         return cls(ordered, low, high, tuple(below), np.array(scales))
 
     def to_search(self, p: np.ndarray) -> np.ndarray:
@@ -142,6 +150,10 @@ def _order(mechanism: Mechanism) -> list[tuple[str, str]]:
         if len(upper) == len(lower) == 1 and len(expr.free_symbols) == 2:
             pairs.append((names[upper[0]], names[lower[0]]))
     return pairs
+
+
+def _linear(par: Parameter) -> bool:
+    return par.low < 0 or par.low == par.neutral
 
 
 def _scale(low: float, high: float, neutral: float | None) -> float:

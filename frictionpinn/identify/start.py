@@ -19,9 +19,12 @@ from ..physics.mechanism import Mechanism
 from .motion import Motion, effective_mass, sliding_regression
 from .solve import Evaluate, Solution, levenberg_marquardt
 from .space import Space
+from .units import Sizes, mean_load, shaped
 
 DESIGNED = ("sigma_0", "sigma_1", "mu_s", "v_s")  # what the sliding samples do not tell
 SIZES = {0: 1, 1: 32, 2: 32, 3: 64, 4: 64}  # points of the coarse design by number of such parameters
+LARGEST = 128  # points where there are more
+WEAKEST = 0.01  # of the larger of dry and viscous friction: where the smaller one starts at least
 DAMPING_RATIO = (0.03, 1.0)
 STATIC_RATIO = (1.05, 4.0)  # mu_s / mu_c
 RIDGE = (6, 8)  # grid over mu_s / mu_c and v_s
@@ -31,10 +34,11 @@ FIRST = 4  # one window in so many is simulated first: most points of a grid are
 
 @dataclass(frozen=True)
 class Scales:
-    """Start values by name, SI units, and the mass that the contact feels (None where no inertia takes part)."""
+    """Start values by name, SI units; the mass that the contact feels (None where no inertia takes part); sizes."""
 
     start: dict[str, float]
     mass: float | None
+    sizes: Sizes
 
 
 def data_start(
@@ -50,37 +54,57 @@ def data_start(
     t = [np.gradient(motion.v_slip, motion.model.t) for motion in motions]
     velocity = float(np.sqrt(np.mean(v**2))) or 1.0
     acceleration = float(np.sqrt(np.mean(np.concatenate(t) ** 2))) or 1.0
+    load = mean_load(motions)
+    shares = {"mu_c": load, "sigma_2": velocity}
+    reference = max((found[name] * unit for name, unit in shares.items() if name in found), default=0.0)
+    for name in shares.keys() & found.keys():
+        found[name] = max(found[name], WEAKEST * reference / shares[name])
     mu_c = found.get("mu_c", known.get("mu_c", 1.0))
-    force = mu_c * _normal(motions)
+    force = mu_c * load
+    sizes = Sizes(mechanism, motions, max(force, reference))
     stiffness = fixed.get("sigma_0", force / (1e-2 * velocity**2 / acceleration))
     damping = np.sqrt(stiffness * mass) if mass else 1e-2 * stiffness * velocity / acceleration
     rough = {
         "mu_c": mu_c, "mu_s": 1.5 * mu_c, "v_s": 0.02 * velocity, "sigma_0": stiffness, "sigma_1": damping,
         "sigma_2": 0.1 * force / velocity,
     }  # fmt: skip
-    return Scales({name: float(found.get(name, rough.get(name, known[name]))) for name in names}, mass)
+    own = {par.name for par in (*mechanism.system.parameters, *mechanism.law.parameters)}
+    table, moved = {par.name: par for par in mechanism.parameters}, shaped(mechanism, names)
+    rough |= {name: sizes.start(table[name], name in moved) for name in names if name not in own}
+    return Scales({name: float(found.get(name, rough.get(name, known[name]))) for name in names}, mass, sizes)
 
 
 def default_bounds(
-    mechanism: Mechanism, start: Mapping[str, float], given: Mapping[str, Sequence[float]]
+    mechanism: Mechanism, scales: Scales, given: Mapping[str, Sequence[float]]
 ) -> dict[str, Sequence[float]]:
-    """Bounds around the start where none are given: a decade for friction coefficients and masses, else two."""
+    """Bounds around the start where none are given: a decade for friction coefficients and masses, else two.
+
+    Strengths of effects keep their physical limits; what is scanned keeps to its scan.
+    """
     wide, table = ("sigma_0", "sigma_1", "sigma_2", "v_s"), {par.name: par for par in mechanism.parameters}
     result: dict[str, Sequence[float]] = {}
-    for name, value in start.items():
+    for name, value in scales.start.items():
+        par = table[name]
         if given.get(name) is not None:
             result[name] = tuple(given[name])
-        elif table[name].low >= 0:
-            factor, least = 10**DECADES if name in wide else 10.0, max(table[name].low, 1e-12)
-            low = min(max(abs(value) / factor, least), 0.5 * table[name].high)
-            result[name] = (low, min(max(abs(value) * factor, 10 * low), table[name].high))
+        elif par.hidden and par.scan is not None:
+            result[name] = scales.sizes.ends(par.scan)
+        elif par.low >= 0 and par.neutral is None:
+            factor, least = 10**DECADES if name in wide else 10.0, max(par.low, 1e-12)
+            low = min(max(abs(value) / factor**2 if name == "mu_c" else abs(value) / factor, least), 0.5 * par.high)
+            result[name] = (low, min(max(abs(value) * factor, 10 * low), par.high))
     return {**dict(given), **result}
 
 
-def coarse_design(space: Space, start: Mapping[str, float], mass: float | None, fixed: Mapping[str, float]):
-    """Parameter vectors, spread evenly (Sobol) over the bounds of what the sliding samples do not tell."""
-    dims = [name for name in DESIGNED if name in space.names]
-    points = qmc.Sobol(max(len(dims), 1), seed=0).random(SIZES[len(dims)])
+def coarse_design(
+    space: Space, start: Mapping[str, float], mass: float | None, fixed: Mapping[str, float], shapes: Sequence[str] = ()
+):
+    """Parameter vectors, spread evenly (Sobol) over the bounds of what the sliding samples do not tell.
+
+    ``shapes`` are hidden parameters of effects, which tell little from afar either.
+    """
+    dims = [name for name in (*DESIGNED, *shapes) if name in space.names]
+    points = qmc.Sobol(max(len(dims), 1), seed=0).random(SIZES.get(len(dims), LARGEST))
     low, high = dict(zip(space.names, space.low, strict=True)), dict(zip(space.names, space.high, strict=True))
     result = []
     for point in points:
@@ -91,6 +115,8 @@ def coarse_design(space: Space, start: Mapping[str, float], mass: float | None, 
                 p[name] = 2 * _between(*DAMPING_RATIO, x) * np.sqrt(stiffness * mass)
             elif name == "mu_s":
                 p[name] = p.get("mu_c", fixed.get("mu_c", 1.0)) * _between(*STATIC_RATIO, x)
+            elif space.scales[space.names.index(name)]:
+                p[name] = low[name] + x * (high[name] - low[name])
             else:
                 p[name] = _between(low[name], high[name], x)
         result.append(np.array([p[name] for name in space.names]))
@@ -171,11 +197,3 @@ def lowest(
 
 def _between(low: float, high: float, x: float) -> float:
     return float(np.exp(np.log(low) + x * np.log(high / low)))
-
-
-def _normal(motions: Sequence[Motion]) -> float:
-    from .motion import _defaults, _function
-
-    mechanism = motions[0].model.simulator.mechanism
-    f, p = _function(mechanism, mechanism.system.N), _defaults(mechanism)
-    return max(float(np.mean([np.mean(np.abs(f(motion.signals, p))) for motion in motions])), 1e-12)

@@ -60,13 +60,15 @@ class TrialModel:
         simulator: of the mechanism.
         trial: name of the trial (and window).
         t: times, s, shape (n,).
-        outputs: name of a measured signal -> name of the model's, ("x" -> "x"; "force" -> "F" of a damper).
+        outputs: name of a measured signal -> name of the model's, ("x" -> "x"; "force" -> "F" of a damper
+            without effects).
         y: measured outputs, shape (n_out, n), NaN where missing.
         base: input path without the noisy inputs.
         inputs: noisy inputs.
         states: initial states that are unknown, of ``simulator.state_names``.
-        start: start values of all states (z as the bristle force sigma_0 z), by name; without z: steady.
-        force_scale: prior standard deviation of the initial bristle force, in the system's unit of force.
+        start: start values of all states (z as the bristle force sigma_0 z where there is a sigma_0), by name; without
+            z: steady.
+        force_scale: prior standard deviation of the initial bristle force (or of z itself).
         directions: derivatives of the input path in the inputs' coefficients; made here.
     """
 
@@ -202,7 +204,7 @@ class TrialModel:
         return local[[self.states.index("z")]] / self.force_scale
 
     def _jacobian(self, run: Simulation, p: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
-        J = np.stack([run.sensitivities[key] for key in self.outputs.values()])
+        J = np.ascontiguousarray(np.stack([run.sensitivities[key] for key in self.outputs.values()]))
         if "z" in self.states and "sigma_0" in p:
             column = len(names) + self.states.index("z")
             if "sigma_0" in names:
