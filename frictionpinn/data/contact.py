@@ -51,7 +51,7 @@ def contact_trials(
     """
     names = {str(name) for name in fit_on}
     fitting = [trial for trial in recording.trials if trial.name in names]
-    smoothed = [_smooth(recording, fitting, system, method) for method in (offline, online)]
+    smoothed = [smooth_trials(recording, fitting, system, method) for method in (offline, online)]
     trials = []
     for trial, two_sided, causal in zip(recording.trials, *smoothed, strict=True):
         on = contact_signals(system, causal)
@@ -61,9 +61,10 @@ def contact_trials(
     return trials
 
 
-def _smooth(
+def smooth_trials(
     recording: Recording, fitting: list[Trial], system: System, method: Smoother
 ) -> list[dict[str, np.ndarray]]:
+    """Signals of every trial, positions, velocities and accelerations smoothed; the smoother is fitted to some."""
     result = [dict(trial.signals) for trial in recording.trials]
     for coordinate in system.moving:
         fitted = method.fit([(trial.t, *_signals(trial, coordinate.signals)) for trial in fitting])

@@ -10,9 +10,9 @@ import sympy as sp
 
 from ..data.contact import BASE, ContactTrial
 from ..models import FrictionModel
+from ..numerics.explicit import FORCE, explicit_motion
 from ..numerics.torch_functions import numpy_function
-from ..physics import CONTACT, LAWS, FrictionLaw, System
-from ..physics.mechanism import Mechanism
+from ..physics import CONTACT, FrictionLaw, System
 from .instant import WindowedForce
 
 
@@ -84,9 +84,6 @@ def mobility(system: System) -> float:
     """Slip acceleration for a unit of force in the contact, where it does not depend on the motion; else 0."""
     if system.massless:
         return 0.0
-    mechanism, force = Mechanism(system, LAWS["coulomb"]()), sp.Symbol("force_in_contact", real=True)
-    rows = [system.residual(c) + system.jacobian[c.name] * force for c in mechanism.free]
-    solution = sp.solve(rows, [c.symbols[2] for c in mechanism.free], dict=True)[0]
-    slope = -sp.diff(system.a_slip.subs(solution), force)
+    slope = -sp.diff(explicit_motion(system).slip_acceleration, FORCE)
     value = slope.subs({par.symbol: system.values[par.name] for par in system.parameters})
     return float(value) if value.is_number else 0.0

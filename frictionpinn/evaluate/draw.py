@@ -65,7 +65,7 @@ def trajectory_figure(
         return f"{errors[key]['label']}: {told}"
 
     for axis in axes[:2]:
-        axis.plot(clean.t, trajectory.force, color=INK["reference"], lw=1.6, label="truth")
+        axis.plot(clean.t, trajectory.force, color=INK["reference"], lw=1.6, label=trajectory.reference)
     for candidate, key, z in ((fit, "coulomb_viscous", 2), (model, "model", 3)):
         color = INK["model"] if key == "model" else INK["baseline"]
         if candidate.online is not None:

@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import sympy as sp
 
 from ..data.contact import BASE
+from ..errors import UserError, choose
 from ..models import FrictionModel
-from ..numerics.neural import integrate_with_network
+from ..numerics.explicit import explicit_motion
+from ..numerics.neural import ADAPTIVE, integrate_with_network
 from ..numerics.paths import InputPath
 from ..numerics.simulation import ContactLost, Simulation, SimulationFailed, Steps
-from ..numerics.torch_functions import numpy_function
 from ..physics import LAWS, System
 from ..physics.mechanism import Mechanism
 from .instant import WindowedForce, callable_force, memoryless
 
-_FORCE = sp.Symbol("friction_force", real=True)
+INTEGRATORS = ("bdf2", *ADAPTIVE)
 _ITERATIONS, _SETTLED = 60, 1e-6  # Newton steps; force, relative to the model's scale, that counts as zero
 
 
-def simulate_model(system: System, model: FrictionModel, path: InputPath, y0: Mapping[str, float], substeps: int):
+def simulate_model(
+    system: System,
+    model: FrictionModel,
+    path: InputPath,
+    y0: Mapping[str, float],
+    substeps: int,
+    integrator: str | None = None,
+) -> Simulation:
     """Simulate the system with the network inside its equation of motion.
 
-    A memoryless network goes to :func:`integrate_with_network` (adaptive, explicit). One that sees a window of the
-    past, or needs the rate of its bristle, is integrated by BDF2 with ``substeps`` equal steps per sample: the
-    windows reach back over the simulated samples, spaced as in training, and the force is found implicitly in every
-    step, so that a network as steep as stiction does not limit it.
+    bdf2 takes ``substeps`` equal steps per sample: the windows of a model that sees a past reach back over the
+    simulated samples, spaced as in training, and the force is found implicitly in every step, so that a network as
+    steep as stiction does not limit it. A method of torchdiffeq (explicit, adaptive) simulates memoryless models.
 
     Args:
         system: gives the equations of motion.
@@ -37,6 +42,8 @@ def simulate_model(system: System, model: FrictionModel, path: InputPath, y0: Ma
         path: driven coordinates and inputs, sampled at the interval of the model's training data.
         y0: initial position and velocity by signal name; at rest at 0 where not given.
         substeps: steps per sample, at least 1.
+        integrator: bdf2, or dopri5, dopri8, bosh3, fehlberg2, adaptive_heun of torchdiffeq; None: dopri5 for a
+            memoryless model, which it simulates the most accurately (benchmarks/results/in_simulation.txt), else bdf2.
 
     Returns:
         a :class:`Simulation`; z and z' are zero.
@@ -44,10 +51,22 @@ def simulate_model(system: System, model: FrictionModel, path: InputPath, y0: Ma
     Raises:
         ContactLost: the normal force reaches zero.
         SimulationFailed: no force satisfies the equation of motion at some time.
+        UserError: an unknown integrator, or an explicit one for a model with a past.
     """
-    if memoryless(model):
-        return integrate_with_network(system, callable_force(model), path.t, path, y0)
-    return _March(system, model, path, y0, substeps).run()
+    integrator = integrator or ("dopri5" if memoryless(model) else "bdf2")
+    choose(integrator, dict.fromkeys(INTEGRATORS), "integrator")
+    if integrator == "bdf2":
+        return _March(system, model, path, y0, substeps).run()
+    if not memoryless(model):
+        raise UserError(
+            "a model that sees a past or its bristle's rate is implicit in its force",
+            where="integrator",
+            received=integrator,
+            allowed="bdf2",
+            fix="leave integrator=null, or evaluate a memoryless bb1 or bb2",
+        )
+    (simulation,) = integrate_with_network(system, callable_force(model), path.t, [path], [y0], method=integrator)
+    return simulation
 
 
 @dataclass
@@ -73,7 +92,7 @@ class _March:
         self.t = path.t[0] + self.h * np.arange((len(path.t) - 1) * substeps + 1)
         self.u = np.array([path(time) for time in self.t])
         self.friction = WindowedForce(model, substeps, interval)
-        self.contact, self.motion = _functions(system, self.mechanism)
+        self.contact, self.motion = explicit_motion(system).numpy
         n = len(self.t)
         self.y, self.a = np.zeros((n, 2 * self.m)), np.zeros((n, self.m))
         self.y[0] = [float(y0.get(name, 0.0)) for name in self.names]
@@ -168,17 +187,3 @@ class _March:
         self.force[k], self.y[k], self.a[k] = force, found.y[:, 0], found.accelerations[:, 0]
         for name, values in self._rates(k, found).items():
             self.past[name][k], self.rates[name][k] = found.now[name][0], values[0]
-
-
-def _functions(system: System, mechanism: Mechanism) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Contact (v_slip, N, a_frictionless) of (q, v, u, p); accelerations and slip acceleration of (F, q, v, u, p)."""
-    state = [c.symbols[k] for k in (0, 1) for c in mechanism.free]
-    known = [*state, *mechanism.inputs, *(par.symbol for par in system.parameters)]
-    contact = numpy_function(known, [system.v_slip, system.N, system.a_frictionless])
-    unknown = [c.symbols[2] for c in mechanism.free]
-    if not unknown:
-        return contact, numpy_function([_FORCE, *known], [system.a_slip])
-    rows = [system.residual(c) + system.jacobian[c.name] * _FORCE for c in mechanism.free]
-    solution = sp.solve(rows, unknown, dict=True)[0]
-    accelerations = [solution[symbol] for symbol in unknown]
-    return contact, numpy_function([_FORCE, *known], [*accelerations, system.a_slip.subs(solution)])

@@ -80,15 +80,18 @@ def _number(value: float | None) -> str:
 
 def note(result: Mapping[str, Any]) -> str:
     """What the figures rest on."""
-    seeds = len(result["seeds"])
-    noise = result["noise"]
+    seeds, noise, law = len(result["seeds"]), result["noise"], result["truth"]["friction"]
     level = f"{noise['name']} noise" + (f" at {noise['level']:g} of each signal's spread" if "level" in noise else "")
+    level = "no noise added" if noise["name"] == "none" else level
     published = result["published"]
+    drawn = f"median of {seeds} seeds. " if seeds > 1 and law else "one seed. " if law else ""
+    simulated = "In simulation: friction in the equation of motion, inputs " + ("prescribed. " if law else "measured. ")
+    compared = (
+        f"Truth: {law}. " if law else f"A measurement: no truth is known; compared with the {result['reference']}. "
+    )
     return (
-        f"Online: {level}, signals filtered causally ({result['smoothing']['name']}), "
-        + (f"median of {seeds} seeds. " if seeds > 1 else "one seed. ")
-        + "In simulation: no noise; prescribed inputs, friction in the equation of motion. "
-        + f"Truth: {result['truth']['friction']}. Published figures: {published['source']}; {published['note']}."
+        f"Online: {level}, signals filtered causally ({result['smoothing']['name']}). {drawn}{simulated}{compared}"
+        f"Published figures: {published['source']}; {published['note']}."
     )
 
 

@@ -30,16 +30,19 @@ def readable(unit: str) -> str:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A noise-free simulated trial with its truth, and what sensors made of it.
+    """A trial with the friction force to compare with, and what sensors made of it.
 
     Attributes:
-        clean: signals without noise; ``truth`` holds friction_force, normal_force and v_slip.
+        clean: signals without noise (of a measurement: smoothed); ``truth`` holds friction_force, normal_force and
+            v_slip (of a measurement: those that the equation of motion implies).
         seen: seed of the noise -> contact of the noisy trial, filtered causally.
+        reference: what the force is compared with, in words.
     """
 
     system: System
     clean: Trial
     seen: dict[int, ContactTrial] = field(default_factory=dict)
+    reference: str = "truth"
 
     @property
     def name(self) -> str:
@@ -47,7 +50,7 @@ class Trajectory:
 
     @property
     def force(self) -> np.ndarray:
-        """True friction force, shape (n,)."""
+        """Friction force to compare with, shape (n,)."""
         return self.clean.truth["friction_force"]
 
     @cached_property

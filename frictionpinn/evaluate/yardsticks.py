@@ -38,7 +38,11 @@ class Candidate:
 
 
 def candidates(
-    model: FrictionModel, system: System, train: Sequence[ContactTrial], substeps: int
+    model: FrictionModel,
+    system: System,
+    train: Sequence[ContactTrial],
+    substeps: int,
+    integrator: str | None = None,
 ) -> dict[str, Candidate]:
     """The model first, then its yardsticks, by key.
 
@@ -46,14 +50,14 @@ def candidates(
         model: trained.
         system: to be simulated.
         train: the model's training trials, to which the classical laws are fitted.
-        substeps: see :func:`simulate_model`.
+        substeps, integrator: see :func:`simulate_model`.
     """
     name = model.hparams["name"].upper()
     found = {
         "model": Candidate(
             name,
             online(model),
-            lambda path, y0: simulate_model(system, model, path, y0, substeps),
+            lambda path, y0: simulate_model(system, model, path, y0, substeps, integrator),
         )
     }
     if model.physical():

@@ -3,63 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-import sympy as sp
 import torch
 from torchdiffeq import odeint
 
 from ..errors import UserError
 from ..physics import LAWS, System
 from ..physics.mechanism import Mechanism
+from .explicit import explicit_motion
 from .paths import InputPath
 from .simulation import ContactLost, Simulation, SimulationFailed, Steps
-from .torch_functions import torch_function
 
 Friction = Callable[[torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
 Inputs = InputPath | Mapping[str, np.ndarray]
 
-_FORCE = sp.Symbol("friction_force", real=True)
 _MAX_EVALUATIONS = 200_000
-_ADAPTIVE = ("dopri5", "dopri8", "bosh3", "fehlberg2", "adaptive_heun")
-
-
-@dataclass(frozen=True)
-class _Equations:
-    """Torch functions of one system, each of (q, v, u, [F], parameters), all scalars or tensors of shape (trials,).
-
-    ``contact`` gives slip velocity, normal force and frictionless slip acceleration; ``accelerations`` those of the
-    free coordinates, the friction force given.
-    """
-
-    contact: Callable
-    accelerations: Callable
-
-
-@lru_cache(maxsize=32)
-def _equations(kind: type[System], equations: str, driven: tuple[str, ...]) -> _Equations:
-    system = kind(equations=equations, driven=driven)
-    mechanism = Mechanism(system, LAWS["coulomb"]())
-    unknown = [c.symbols[2] for c in mechanism.free]
-    if system.N.free_symbols & set(unknown):
-        raise UserError(
-            "normal force depends on accelerations that the friction decides",
-            where=f"system {system.name}, driven",
-            received=", ".join(driven) or "none",
-            allowed="a system whose normal force the state and the inputs give",
-            fix="prescribe the coordinate that loads the contact",
-        )
-    state = [c.symbols[0] for c in mechanism.free] + [c.symbols[1] for c in mechanism.free]
-    parameters = [par.symbol for par in system.parameters]
-    known = [*state, *mechanism.inputs, *parameters]
-    contact = torch_function(known, [system.v_slip, system.N, system.a_frictionless])
-    if not unknown:
-        return _Equations(contact, lambda *_: [])
-    rows = [system.residual(c) + system.jacobian[c.name] * _FORCE for c in mechanism.free]
-    solution = sp.solve(rows, unknown, dict=True)[0]
-    return _Equations(contact, torch_function([_FORCE, *known], [solution[a] for a in unknown]))
+ADAPTIVE = ("dopri5", "dopri8", "bosh3", "fehlberg2", "adaptive_heun")
 
 
 class _Rate(torch.nn.Module):
@@ -68,7 +28,7 @@ class _Rate(torch.nn.Module):
     def __init__(self, system: System, friction: Friction, paths: Sequence[InputPath]):
         super().__init__()
         self.system, self.friction = system, friction
-        self.equations = _equations(type(system), system.equations, system.driven)  # type: ignore[arg-type]
+        self.contact_of, self.accelerations_of = explicit_motion(system).torch
         self.values = [system.values[par.name] for par in system.parameters]
         self.t = paths[0].t
         self.coefficients = torch.from_numpy(np.stack([path.coefficients for path in paths], axis=-1))
@@ -86,9 +46,9 @@ class _Rate(torch.nn.Module):
         """Slip velocity, normal force, friction force and accelerations, broadcast to the shape of a row of y or u."""
         known = [*y, *u, *self.values]
         like = torch.zeros(torch.broadcast_shapes(y.shape[1:], u.shape[1:]), dtype=torch.float64)
-        v_slip, normal, frictionless = (like + value for value in self.equations.contact(*known))
+        v_slip, normal, frictionless = (like + value for value in self.contact_of(*known))
         force = self.friction(v_slip, normal, frictionless).to(torch.float64)
-        return v_slip, normal, force, [like + a for a in self.equations.accelerations(force, *known)]
+        return v_slip, normal, force, [like + a for a in self.accelerations_of(force, *known)]
 
     def forward(self, time: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
         now = float(time)
@@ -157,7 +117,7 @@ def integrate_with_network(
 
 
 def _solve(rate: _Rate, start: torch.Tensor, t: torch.Tensor, method: str, rtol: float, atol: float) -> torch.Tensor:
-    options = {"step_t": t[-1:]} if method in _ADAPTIVE else None  # the inputs end there
+    options = {"step_t": t[-1:]} if method in ADAPTIVE else None  # the inputs end there
     try:
         return odeint(rate, start, t, method=method, rtol=rtol, atol=atol, options=options)
     except (SimulationFailed, AssertionError) as error:  # torchdiffeq asserts that its step does not underflow

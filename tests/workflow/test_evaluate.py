@@ -138,14 +138,26 @@ def test_a_folder_that_is_no_run_is_named_in_one_line(run, tmp_path, expected, s
     assert "\n" not in str(caught.value) and str(folder) in str(caught.value)
 
 
-def test_a_run_on_measured_data_has_no_truth_to_compare_with(run, tmp_path):
+def test_a_measurement_is_compared_with_its_force_balance(quick, csv, tmp_path):
     folder = tmp_path / "run"
-    shutil.copytree(run, folder)
-    written = json.loads((folder / "result.json").read_text())
-    written["config"]["data"]["name"] = "csv"
-    (folder / "result.json").write_text(json.dumps(written))
-    with pytest.raises(UserError, match="no true friction force"):
-        evaluate(configuration(f"run={folder}", *BRIEF))
+    quick(folder, "data=csv", f"data.path={csv()}", "model=pe1", epochs=20)
+    result = evaluate(configuration(f"run={folder}", *BRIEF))
+    assert result["truth"]["friction"] is None and result["reference"] == "force balance, smoothed"
+    errors = result["errors"]["trial 2"]
+    assert list(errors) == ["model", "law", "coulomb", "coulomb_viscous"]
+    assert 0 < errors["coulomb"]["online"]["force_mse"]["value"] < 1.0
+    assert 0 < errors["coulomb_viscous"]["in_simulation"]["position_rms"]["x"]["value"] < 0.02
+    assert set(result["characteristics"]["difference_rms"].values()) == {None}
+    assert "no truth is known" in (folder / "evaluation" / "report.html").read_text()
+    with pytest.raises(UserError, match="measured system is not known on another"):
+        evaluate(configuration(f"run={folder}", "system=sdob", *BRIEF))
+
+
+def test_an_integrator_is_chosen_by_name(run):
+    with pytest.raises(UserError, match=r"integrator.*leave integrator=null"):
+        evaluate(configuration(f"run={run}", "integrator=dopri5", *BRIEF))
+    with pytest.raises(UserError, match="did you mean 'bdf2'"):
+        evaluate(configuration(f"run={run}", "integrator=bdf3", *BRIEF))
 
 
 def test_characteristics_of_further_runs_stand_beside(run):
