@@ -1,0 +1,52 @@
+"""Checks of what an online estimator is given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..errors import UserError, nearest
+from ..physics.mechanism import Mechanism
+
+
+def check_sensors(mechanism: Mechanism) -> None:
+    """Raise :class:`UserError` where an effect changes what sensors show."""
+    if mechanism.delays or dict(mechanism.outputs) != dict(mechanism.predictions):
+        raise UserError(
+            "effects on sensors or delays cannot be estimated online",
+            where="effects",
+            received=", ".join(effect.name for effect in mechanism.effects),
+            allowed="effects that act on the mechanism",
+            fix="correct the signals before they reach the estimator",
+        )
+
+
+def parameter_vector(mechanism: Mechanism, names: Sequence[str], given: Mapping[str, float]) -> np.ndarray:
+    """All parameters in the order of ``names``, SI units; the system's own and the law's defaults where not given."""
+    known = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values
+    for name in given:
+        if name not in names:
+            raise UserError(
+                "unknown parameter", where=f"parameters.{name}", allowed=", ".join(names), fix=nearest(name, names)
+            )
+    values = known | dict(given)
+    for name in names:
+        value = values[name]
+        if value is None or not np.isfinite(value):
+            raise UserError("parameter without a finite value", where=f"parameters.{name}", received=value)
+    return np.array([float(values[name]) for name in names])  # type: ignore[arg-type]
+
+
+def check_adapt(adapt: Mapping[str, float], names: Sequence[str], p: np.ndarray) -> None:
+    """Raise :class:`UserError` for a parameter that cannot follow a surface."""
+    for name, rate in adapt.items():
+        if name not in names:
+            raise UserError(
+                "unknown parameter", where=f"adapt.{name}", allowed=", ".join(names), fix=nearest(name, names)
+            )
+        if not (np.isfinite(rate) and rate >= 0) or p[list(names).index(name)] <= 0:
+            raise UserError(
+                "parameter that cannot adapt", where=f"adapt.{name}", received=rate, allowed="a rate of 0 or above "
+                "for a parameter above 0",
+            )  # fmt: skip

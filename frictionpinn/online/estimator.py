@@ -1,0 +1,271 @@
+"""An online estimator of the friction force: one sample at a time, causal, with the bristle carried along."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import ModuleType
+from typing import NamedTuple
+
+import numpy as np
+
+from ..data.recording import Recording, Trial
+from ..errors import UserError, nearest
+from ..numerics.bristle import resting_states, steady_bristle
+from ..numerics.codegen import Kernels, pointer
+from ..numerics.tableau import METHOD
+from ..physics.mechanism import Mechanism
+from .check import check_adapt, check_sensors, parameter_vector
+from .tuning import Tuning, tune
+
+Z95 = 1.959964
+LONGEST = 20.0  # typical sample intervals: after a longer gap the estimator starts anew
+SHARES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)  # of the typical acceleration: what the model may leave out of a sample's
+MOST = 2400  # samples of all training trials together on which the share is chosen
+INEXACT = 1e-3  # of the force: the least standard deviation told, for what integrator and law leave out
+RTOL, ATOL = 1e-4, 1e-5  # of the integrator; relative, and absolute of velocities
+STATUS = {0: "ok", 1: "no solution", 2: "contact lost", 3: "no solution"}  # by the integrator's codes
+
+
+def _recursions() -> ModuleType:
+    """Import on first use: a new installation compiles the recursions then, in about half a minute."""
+    from . import recursions
+
+    return recursions
+
+
+class Reading(NamedTuple):
+    """Friction force at one instant.
+
+    Attributes:
+        t: time, s.
+        force: in the system's unit of force.
+        low, high: 95 % interval.
+        status: "ok", "contact lost" (the normal force is not positive) or "no solution".
+    """
+
+    t: float
+    force: float
+    low: float
+    high: float
+    status: str
+
+
+class OnlineEstimator:
+    """Friction force from the newest sample and all before it, by a Kalman filter on the equation of motion.
+
+    The filter's state is the mechanism's own (positions, velocities, bristle), every driven coordinate and input as a
+    Wiener process, and parameters that adapt. A step integrates the compiled equations for every sigma point with the
+    simulator's L-stable method, so a bristle that settles within microseconds or a sample of 10 ms do not matter; each
+    sample corrects the state by what its sensors and their noise levels tell. While the contact sticks the force
+    follows from the inertial load, while it slides from the law: the model carries what no single sample shows.
+
+    Args:
+        mechanism: system and friction law; effects may act on the mechanism, not on its sensors.
+        parameters: values by name, SI units: identified, of a trained estimator, or known.
+        tuning: see :func:`frictionpinn.online.tune`.
+        adapt: parameter -> relative change per square root of a second of sliding (see :mod:`.surface`); such a
+            parameter is estimated along with the state.
+        share: what the model may leave out of a sample's acceleration, relative to the typical one.
+
+    Raises:
+        UserError: an unknown parameter or one without value, an effect on sensors.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        parameters: Mapping[str, float],
+        tuning: Tuning,
+        adapt: Mapping[str, float] | None = None,
+        share: float = SHARES[0],
+    ):
+        check_sensors(mechanism)
+        self.mechanism, self.tuning, self.adapt, self.share = mechanism, tuning, dict(adapt or {}), float(share)
+        self.kernels = Kernels(mechanism)
+        self.names = tuple(par.name for par in mechanism.parameters)
+        self._p = parameter_vector(mechanism, self.names, parameters)
+        check_adapt(self.adapt, self.names, self._p)
+        self._build()
+        self.reset()
+
+    @classmethod
+    def fit(
+        cls,
+        mechanism: Mechanism,
+        parameters: Mapping[str, float],
+        recording: Recording,
+        adapt: Mapping[str, float] | None = None,
+        sigmas: Mapping[str, float] | None = None,
+    ) -> OnlineEstimator:
+        """Return an estimator tuned on training trials; ``share`` maximises the likelihood of its innovations there.
+
+        Args:
+            mechanism, parameters, adapt: see the class.
+            recording: training trials; the parameters are not changed by them.
+            sigmas: noise levels that are known, SI units.
+        """
+        tuning, most = tune(mechanism, recording, sigmas), MOST // len(recording.trials)
+        parts = [
+            Trial(trial.name, trial.t[:most], {name: values[:most] for name, values in trial.signals.items()})
+            for trial in recording.trials
+        ]
+        told = {share: cls(mechanism, parameters, tuning, share=share).log_likelihood(parts) for share in SHARES}
+        return cls(mechanism, parameters, tuning, adapt, max(told, key=told.__getitem__))
+
+    # building --------------------------------------------------------------------------------------------------
+    def _build(self) -> None:
+        core, mechanism, tuning = _recursions(), self.mechanism, self.tuning
+        n_s, n_w, n_u, _ = self.kernels.sizes
+        m, columns = len(mechanism.free), mechanism.input_signals
+        chains, self._first, self._walks = [], [], np.array([rate**2 for rate in self.adapt.values()])
+        offset, rows = n_s, dict[str, tuple[int, int]]()
+        for c, j in ((c, j) for j, c in enumerate(mechanism.free)):
+            rows |= dict(zip(c.signals, ((core.STATE, j), (core.STATE, m + j), (core.RATE, j)), strict=True))
+        for chain in tuning.chains.values():
+            chains.append((offset, chain.order, columns.index(chain.signals[0]), int(len(chain.signals) == 3)))
+            rows |= {name: (core.STATE, offset + k) for k, name in enumerate(chain.signals)}
+            self._first.append((offset, np.array(chain.spread)))
+            offset += chain.order
+        if mechanism.system.massless:
+            rows |= {item.name: (core.FORCE, 0) for item in mechanism.system.inputs}
+        self.signals = tuple(name for name in rows if name in tuning.sigmas)
+        self._rows = np.array([rows[name] for name in self.signals], dtype=np.int64).reshape(-1, 2)
+        self._R = np.array([tuning.sigmas[name] ** 2 for name in self.signals])
+        self._densities = np.array([chain.density for chain in tuning.chains.values()])
+        places = [self.names.index(name) for name in self.adapt]
+        self._size, self._kicks = offset + len(places), np.zeros(n_s)
+        for j, c in enumerate(mechanism.free):
+            self._kicks[m + j] = (self.share * tuning.scales[c.name][2]) ** 2 * tuning.interval
+        atol = np.full(n_s, ATOL * tuning.interval)
+        atol[m : 2 * m] = ATOL
+        self._equations = core.Equations(
+            pointer(self.kernels.plain.newton), pointer(self.kernels.plain.outputs), METHOD.a, METHOD.c, METHOD.error,
+            min(METHOD.order, METHOD.order_embedded) + 1, np.array(chains, dtype=np.int64).reshape(-1, 4),
+            np.array([(place, 1) for place in places], dtype=np.int64).reshape(-1, 2), self._p,
+            (m, n_s, n_w, n_u, mechanism.timed), atol, RTOL, 1.0,
+        )  # fmt: skip
+
+    def reset(self) -> None:
+        """Forget all samples; parameters that adapt return to their first values."""
+        self._time: float | None = None
+        self._X, self._P = np.zeros(self._size), np.zeros((self._size, self._size))
+        for i, name in enumerate(self.adapt):
+            self._X[self._size - len(self.adapt) + i] = np.log(self._p[self.names.index(name)])
+
+    def _start(self, y: np.ndarray) -> None:
+        """State before the first sample: what it shows, and a wide guess at what it does not."""
+        core, m, n_s = _recursions(), len(self.mechanism.free), self.kernels.sizes[0]
+        X, P = self._X, self._P
+        kept = self._size - len(self.adapt)
+        X[:kept], P[:kept], P[:, :kept] = 0.0, 0.0, 0.0
+        for offset, spread in self._first:
+            part = np.arange(offset, offset + len(spread))
+            P[part, part] = spread**2
+        for j, c in enumerate(self.mechanism.free):
+            P[j, j], P[m + j, m + j] = (np.square(self.tuning.scales[c.name][:2]) * 9.0).tolist()
+        for k, (kind, index) in enumerate(self._rows):  # position and velocity as measured, with the sensor's variance
+            if kind == core.STATE and np.isfinite(y[k]):
+                X[index], P[index, index] = y[k], self._R[k]
+        if n_s > 2 * m:
+            self._start_bristle()
+
+    def _start_bristle(self) -> None:
+        """At rest unless the first velocities say otherwise; the bristle anywhere that the contact can hold it."""
+        X, P, m, n_s = self._X, self._P, len(self.mechanism.free), self.kernels.sizes[0]
+        core, eq, now = _recursions(), self._equations, self._time or 0.0
+        p, u = core.parameters(eq, X), core.inputs(eq, X, now)[0, :, 0].copy()
+        state = resting_states(self.kernels, X[:n_s].copy(), u, p)
+        sliding = state.copy()
+        deviation = np.sqrt(P[np.arange(m, 2 * m), np.arange(m, 2 * m)])
+        sliding[m : 2 * m] = np.where(np.abs(X[m : 2 * m]) > deviation, X[m : 2 * m], deviation)
+        moves = bool((np.abs(X[m : 2 * m]) > 3 * deviation).any())
+        if self.mechanism.memory:
+            held = steady_bristle(self.kernels, sliding, u, p)
+            state[-1] = held if moves and np.isfinite(held) else 0.0
+            P[n_s - 1, n_s - 1] = held**2 if np.isfinite(held) else 0.0
+        if not moves:
+            state[m : 2 * m] = 0.0
+        X[:n_s] = state
+
+    # use -------------------------------------------------------------------------------------------------------
+    def update(self, t: float, signals: Mapping[str, float]) -> Reading:
+        """Take in one sample and return the friction force at that instant.
+
+        Args:
+            t: time, s, after that of the previous sample; intervals need not be equal.
+            signals: any of ``self.signals``, SI units; what is missing or NaN is taken as not measured.
+
+        Raises:
+            UserError: a time that does not increase, or a signal that the estimator does not know.
+        """
+        core, y = _recursions(), self._sample(signals)
+        if self._time is not None and not t > self._time:
+            raise UserError("time does not increase", where="t", received=t, allowed=f"above {self._time} s")
+        if not np.isfinite(t):
+            raise UserError("not a finite time", where="t", received=t)
+        last, status = self._time, 0
+        if last is None or t - last > LONGEST * self.tuning.interval:
+            self._time = float(t)
+            self._start(y)
+        else:
+            status = core.predict(
+                self._equations, self._X, self._P, self._kicks, self._walks, self._densities, last, t - last,
+            )  # fmt: skip
+        self._time = float(t)
+        _, force, variance = core.correct(self._equations, self._X, self._P, y, self._R, self._rows, float(t))
+        reach = Z95 * np.sqrt(variance + (INEXACT * force) ** 2)
+        return Reading(self._time, force, force - reach, force + reach, STATUS[status])
+
+    def _sample(self, signals: Mapping[str, float]) -> np.ndarray:
+        y = np.full(len(self.signals), np.nan)
+        for name, value in signals.items():
+            try:
+                y[self.signals.index(name)] = value
+            except ValueError:
+                raise UserError(
+                    "signal that the estimator was not tuned for",
+                    where=name,
+                    allowed=", ".join(self.signals),
+                    fix=nearest(name, self.signals),
+                ) from None
+        return y
+
+    def filter(self, trial: Trial) -> dict[str, np.ndarray]:
+        """Run over a trial from a fresh start, causally.
+
+        Returns:
+            force, low, high and std of the friction force, shape (n,); each parameter that adapts, shape (n,), and
+            ``log_likelihood`` of the innovations, shape ().
+        """
+        self.reset()
+        Y = np.full((len(trial.t), len(self.signals)), np.nan)
+        for k, name in enumerate(self.signals):
+            if name in trial.signals:
+                Y[:, k] = trial.signals[name]
+        self._time = float(trial.t[0])
+        self._start(Y[0])
+        loglik, force, variance, states = _recursions().run(
+            self._equations, self._X, self._P, self._kicks, self._walks, self._densities,
+            np.ascontiguousarray(trial.t, dtype=float), Y, self._R, self._rows,
+        )  # fmt: skip
+        self._time = float(trial.t[-1])
+        std, first = np.sqrt(variance + (INEXACT * force) ** 2), self._size - len(self.adapt)
+        found = {"force": force, "low": force - Z95 * std, "high": force + Z95 * std, "std": std}
+        found |= {name: np.exp(states[:, first + i]) for i, name in enumerate(self.adapt)}
+        return found | {"log_likelihood": np.array(loglik)}
+
+    def log_likelihood(self, trials: Iterable[Trial]) -> float:
+        """Log-likelihood of the innovations over trials; -inf where the filter leaves the numbers."""
+        total = float(sum(self.filter(trial)["log_likelihood"] for trial in trials))
+        return total if np.isfinite(total) else -np.inf
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Current values of all parameters, SI units."""
+        return dict(zip(self.names, _recursions().parameters(self._equations, self._X).tolist(), strict=True))
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Relative standard deviation of every parameter that adapts."""
+        first = self._size - len(self.adapt)
+        return {name: float(np.sqrt(self._P[first + i, first + i])) for i, name in enumerate(self.adapt)}

@@ -1,0 +1,174 @@
+"""The online estimator: accuracy and honesty of its interval, causality, whatever sensors deliver, mistakes told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from surfaces import case, changing_surface, fitted
+
+from frictionpinn.data.recording import Recording
+from frictionpinn.errors import UserError
+from frictionpinn.numerics.torch_functions import contact_signals
+from frictionpinn.online import OnlineEstimator, tune
+from frictionpinn.physics import LAWS
+from frictionpinn.physics.mechanism import Mechanism
+
+
+def error(found, clean):
+    """Mean square error of the force over its mean square."""
+    truth = clean.truth["friction_force"]
+    return float(np.mean((found["force"] - truth) ** 2) / np.mean(truth**2))
+
+
+def covered(found, clean):
+    """Share of samples whose true force lies in the interval."""
+    truth = clean.truth["friction_force"]
+    return float(np.mean((truth >= found["low"]) & (truth <= found["high"])))
+
+
+@pytest.mark.parametrize("system", ["pob", "sdob", "drive", "pendulum", "damper"])
+def test_the_force_of_every_system_is_found_within_its_interval(system):
+    _, _, clean, noisy = case(system)
+    for trial, known in zip(noisy.trials, clean.trials, strict=True):
+        found = fitted(system).filter(trial)
+        assert error(found, known) < 0.003
+        assert covered(found, known) > 0.85
+
+
+@pytest.mark.parametrize("law", ["dahl", "stribeck"])
+def test_other_laws_work_too(law):
+    _, _, clean, noisy = case("pob", law)
+    for trial, known in zip(noisy.trials, clean.trials, strict=True):
+        assert error(fitted("pob", law).filter(trial), known) < 0.01
+
+
+def test_it_is_far_better_than_the_force_balance_of_the_same_samples():
+    mechanism, _, clean, noisy = case("pob")
+    for trial, known in zip(noisy.trials, clean.trials, strict=True):
+        balance = {"force": contact_signals(mechanism.system, trial.signals)["friction_force"]}
+        assert error(fitted("pob").filter(trial), known) < 0.2 * error(balance, known)
+
+
+def test_sample_by_sample_gives_what_a_whole_trial_gives():
+    _, _, _, noisy = case("pob")
+    estimator, trial = fitted("pob"), noisy.trials[1]
+    whole = estimator.filter(trial)
+    estimator.reset()
+    for k, t in enumerate(trial.t[:120]):
+        reading = estimator.update(float(t), {name: trial.signals[name][k] for name in estimator.signals})
+        assert reading.force == whole["force"][k] and reading.low == whole["low"][k]
+        assert reading.low <= reading.force <= reading.high and reading.status == "ok"
+
+
+def test_nothing_after_a_sample_changes_its_estimate():
+    _, _, _, noisy = case("pob")
+    estimator, trial = fitted("pob"), noisy.trials[1]
+    rng = np.random.default_rng(0)
+    spoilt = {
+        name: np.append(values[:200], rng.normal(size=len(values) - 200)) for name, values in trial.signals.items()
+    }
+    before, after = estimator.filter(trial), estimator.filter(replace(trial, signals=spoilt))
+    np.testing.assert_array_equal(before["force"][:200], after["force"][:200])
+    assert (before["force"][200:] != after["force"][200:]).any()
+
+
+def test_noise_levels_are_estimated():
+    _, _, clean, noisy = case("pob")
+    found = tune(case("pob")[0], noisy).sigmas
+    for name, level in found.items():
+        spread = np.std(np.concatenate([trial.signals[name] for trial in clean.trials]))
+        assert level == pytest.approx(0.05 * spread, rel=0.12)
+
+
+def test_missing_samples_and_uneven_times_are_no_trouble():
+    _, _, clean, noisy = case("pob")
+    trial, known = noisy.trials[1], clean.trials[1]
+    rng = np.random.default_rng(1)
+    keep = np.sort(rng.choice(len(trial), int(0.7 * len(trial)), replace=False))
+    signals = {name: values[keep].copy() for name, values in trial.signals.items()}
+    for values in signals.values():
+        values[rng.random(len(values)) < 0.2] = np.nan
+    found = fitted("pob").filter(replace(trial, t=trial.t[keep], signals=signals))
+    truth = known.truth["friction_force"][keep]
+    assert np.mean((found["force"] - truth) ** 2) < 0.01 * np.mean(truth**2)
+
+
+def test_positions_alone_are_enough():
+    mechanism, truth, clean, noisy = case("pob")
+    trials = tuple(replace(trial, signals={n: trial.signals[n] for n in ("x", "theta")}) for trial in noisy.trials)
+    estimator = OnlineEstimator.fit(mechanism, truth, Recording(trials, dict(noisy.units)))
+    assert estimator.signals == ("x", "theta")
+    found, force = estimator.filter(trials[1]), clean.trials[1].truth["friction_force"]
+    assert np.mean((found["force"] - force)[100:] ** 2) < 0.05 * np.mean(force**2)
+
+
+def test_a_long_gap_starts_anew():
+    _, _, _, noisy = case("pob")
+    estimator, trial = fitted("pob"), noisy.trials[0]
+    estimator.reset()
+    sample = {name: trial.signals[name][0] for name in estimator.signals}
+    first = estimator.update(0.0, sample)
+    estimator.update(0.0025, sample)
+    assert estimator.update(10.0, sample)._replace(t=0.0) == first
+
+
+def test_loss_of_contact_is_told_and_survived():
+    estimator = fitted("pob")
+    estimator.reset()
+    told = set()
+    for k in range(120):
+        t = k / 400
+        theta, omega, alpha = np.sin(14 * t), 14 * np.cos(14 * t), -196 * np.sin(14 * t)
+        reading = estimator.update(t, {"x": 0.0, "v": 0.0, "a": 0.0, "theta": theta, "omega": omega, "alpha": alpha})
+        told.add(reading.status)
+        assert np.isfinite(reading.force)
+    assert "contact lost" in told and "ok" in told
+
+
+def test_a_surface_that_changes_is_followed_and_one_that_does_not_is_left_alone():
+    estimator = fitted("pob")
+    mechanism, truth, _, _ = case("pob")
+    follower = OnlineEstimator(mechanism, truth, estimator.tuning, {"mu_c": 0.01})
+    for factor in (1.0, 0.7):
+        trial, change = changing_surface(factor)
+        mu_c = follower.filter(trial)["mu_c"]
+        assert np.abs(mu_c[100:change] / 0.3 - 1).max() < 0.02
+        slid = np.cumsum(np.abs(trial.truth["v_slip"]) > 0.01) / 400
+        later = slid > slid[change] + 1.0
+        assert later.any() and np.abs(mu_c[later] / (0.3 * factor) - 1).max() < 0.05
+        assert follower.parameters["mu_c"] == pytest.approx(mu_c[-1]) and 0 < follower.deviations["mu_c"] < 0.05
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (lambda e: e.update(0.0, {"thetta": 1.0}), "did you mean 'theta'"),
+        (lambda e: (e.update(0.1, {}), e.update(0.1, {})), "time does not increase"),
+        (lambda e: e.update(np.nan, {}), "not a finite time"),
+        (lambda e: OnlineEstimator(e.mechanism, {}, e.tuning), "parameter without a finite value"),
+        (lambda e: OnlineEstimator(e.mechanism, {"mu": 1.0}, e.tuning), "unknown parameter"),
+        (lambda e: OnlineEstimator(e.mechanism, case("pob")[1], e.tuning, {"mu_k": 0.01}), "adapt.mu_k"),
+        (lambda e: OnlineEstimator(e.mechanism, case("pob")[1], e.tuning, {"mu_c": -1.0}), "cannot adapt"),
+        (lambda e: tune(e.mechanism, Recording((), {})), "no trial to tune"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(wrong, told):
+    fitted("pob").reset()
+    with pytest.raises(UserError, match=told):
+        wrong(fitted("pob"))
+
+
+def test_a_coordinate_of_which_nothing_is_measured_is_named():
+    mechanism, _, _, noisy = case("pob")
+    blind = tuple(replace(trial, signals={"x": trial.signals["x"]}) for trial in noisy.trials)
+    with pytest.raises(UserError, match="nothing measured of coordinate theta"):
+        tune(mechanism, Recording(blind, {}))
+
+
+def test_effects_on_sensors_are_refused():
+    mechanism, truth, _, _ = case("pob")
+    late = Mechanism(mechanism.system, LAWS["lugre"](), ("sensor_bias",))
+    with pytest.raises(UserError, match="effects on sensors"):
+        OnlineEstimator(late, truth, fitted("pob").tuning)
