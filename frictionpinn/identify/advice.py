@@ -81,7 +81,7 @@ def advise(
     space: Space,
     covariance: np.ndarray,
     mask: np.ndarray,
-    at: Sequence[str],
+    at: Mapping[str, float],
     limits: Mapping[str, float],
     as_measured: Sequence[str],
     slides: bool,
@@ -100,8 +100,10 @@ def advise(
     for name, value in limits.items():
         more = ": the data show no such effect" if value == 0 else ""
         result.append(f"{name} ended at {value:g}, its physical limit{more}")
-    for name in at:
-        result.append(f"{name} ended at its bound: widen bounds.{name}, or hold it fixed")
+    for name, value in at.items():
+        nothing = name in ("mu_c", "sigma_2") and value < 2 * space.low[space.names.index(name)]
+        either = "leave it out: this model wants none" if nothing else "hold it fixed"
+        result.append(f"{name} ended at its bound, {value:.3g}: widen bounds.{name}, or {either}")
     result += sentences(space.names, np.nan_to_num(correlation_of(covariance)), hints)
     if as_measured:
         result.append(f"too rough for a smooth path, taken as measured without noise: {', '.join(as_measured)}")

@@ -83,20 +83,20 @@ def finish(
     errors = np.sqrt(np.diag(covariance))
     positive = space.scales == 0
     slides = any(motion.fast.any() for motion in problem.motions)
-    names_at = [name for name, hit in zip(space.names, at & ~ends, strict=True) if hit]
+    at_bound = {name: value for name, value, hit in zip(space.names, p.tolist(), at & ~ends, strict=True) if hit}
     limits = {name: value for name, value, hit in zip(space.names, p.tolist(), ends, strict=True) if hit}
     smooth = {name for model in models for item in model.inputs for name in item.names}
     rough = [name for name in problem.channels.input_names if problem.joint and name in sigmas and name not in smooth]
     ci95 = {n: interval(p[i], errors[i], bool(positive[i])) for i, n in enumerate(space.names)}
     ci95 |= {n: one_sided(state, space, space.names.index(n), factor) for n in limits}
     outcome = CONVERGED if solution.reason in ("converged", "stuck") else STOPPED
-    outcome = AT_BOUND if names_at else UNIDENTIFIED if mask.any() else outcome
+    outcome = AT_BOUND if at_bound else UNIDENTIFIED if mask.any() else outcome
     outcome = NO_EXCITATION if not slides or mask.all() else outcome
     memory_time = max(correlation_time(columns) for columns in rows.values())
     return Estimate(
         estimator, space.names, dict(zip(space.names, p.tolist(), strict=True)),
         {name: problem.mechanism.units[name] for name in space.names}, covariance,
-        ci95, outcome, advise(problem.mechanism, space, covariance, mask, names_at, limits, rough, slides, memory_time),
+        ci95, outcome, advise(problem.mechanism, space, covariance, mask, at_bound, limits, rough, slides, memory_time),
         state.cost, n_simulations, seconds,
         sigmas, {model.trial: piece.residuals for model, piece in zip(models, state.pieces, strict=True)},
         {"state": state, "models": tuple(models), "iterations": solution.iterations, "reason": solution.reason},

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .advice import invert
+from .parallel import in_parallel
 from .solve import Evaluate, Solution, State, levenberg_marquardt, reduced
 
 OFFSETS, LONGEST = (0.8, 1.6, 2.4), 1.0  # standard errors; in log u: where to restart
@@ -14,12 +15,13 @@ FAR = 4.0  # standard errors: the neighbours, where a rugged likelihood may tell
 LEFT = 2.5  # log-likelihood: a point that lies by more above the quadratic model belongs to another minimum
 SHORT, LONG = 5, 15  # iterations of a search that may be given up, and that is worth finishing
 ENOUGH = 0.03  # gain in log-likelihood below which a search ends: the best minimum is refined later
-ROUNDS, WORTH = 2, 0.5  # of restarts at most; gain in log-likelihood that is worth another
+ROUNDS, WORTH = 3, 0.5  # of restarts at most; gain in log-likelihood that is worth another
+PAIRS, SPREAD = 1, 1.5  # of restarts on opposite sides; their distance in standard errors
 NEAR, FORGOTTEN, SAME = 4.0, 6.0, 0.02  # log-likelihood: worth finishing, counted at all; in log u: the same minimum
 
 
 def explore(evaluate: Evaluate, found: Solution, limits: tuple[np.ndarray, np.ndarray]) -> list[Solution]:
-    """Restart along the direction that the data tell least, on both sides, while that finds a lower minimum.
+    """Restart around the minimum, as far as the data leave it open, while that finds a lower one.
 
     There the likelihood is rugged on the scale of its standard errors: a slip that sets in just above or just below
     the breakaway force makes a kink that stops a descent.
@@ -27,16 +29,19 @@ def explore(evaluate: Evaluate, found: Solution, limits: tuple[np.ndarray, np.nd
     Returns:
         the minima found, best first.
     """
-    minima = [found]
+    minima, generator = [found], np.random.default_rng(0)
     for _ in range(ROUNDS):
         best = minima[0]
-        for side in _beside(evaluate, best.state, limits):
-            first = evaluate(side.u, side.locals, True)
-            if first is None:
-                continue
-            minima.append(descend(evaluate, first, limits, minima[0].state.cost))
-        minima.sort(key=lambda solution: solution.state.cost)
-        if minima[0].state.cost > best.state.cost - WORTH:
+        points = _around(evaluate, best.state, limits, generator)
+
+        def restarted(k: int, points=points, rival=best.state.cost) -> Solution | None:
+            u, locals_ = points[k]
+            first = evaluate(u, locals_, True)
+            return None if first is None else descend(evaluate, first, limits, rival)
+
+        others = in_parallel(restarted, [1.0] * len(points))
+        minima = sorted([*minima, *(o for o in others if o is not None)], key=lambda solution: solution.state.cost)
+        if not points or minima[0].state.cost > best.state.cost - WORTH:
             break
     return minima
 
@@ -61,6 +66,24 @@ def descend(evaluate: Evaluate, first: State, limits: tuple[np.ndarray, np.ndarr
     if found.reason == "converged" or found.state.cost > rival + NEAR:
         return found
     return levenberg_marquardt(evaluate, found.state, limits, iterations=LONG, decrease=ENOUGH)
+
+
+def _around(
+    evaluate: Evaluate, state: State, limits: tuple[np.ndarray, np.ndarray], generator: np.random.Generator
+) -> list[tuple[np.ndarray, list]]:
+    """Unknowns (global, local) to restart from: none where nothing lies beside the minimum.
+
+    Points drawn from the quadratic model, in opposite pairs, and those that have left the minimum along its weakest
+    direction.
+    """
+    sides = _beside(evaluate, state, limits)
+    if not sides:
+        return []
+    values, vectors = np.linalg.eigh(reduced(state)[0])
+    scale = vectors / np.sqrt(np.maximum(values, 1e-12))
+    draws = [SPREAD * scale @ generator.standard_normal(len(state.u)) for _ in range(PAIRS)]
+    return [*((side.u, list(side.locals)) for side in sides),
+            *(_moved(state, sign * draw, limits) for draw in draws for sign in (1.0, -1.0))]  # fmt: skip
 
 
 def _beside(evaluate: Evaluate, state: State, limits: tuple[np.ndarray, np.ndarray]) -> list[State]:

@@ -57,7 +57,7 @@ def find_start(problem: Problem, given: Mapping[str, float] | None = None) -> li
         asis = evaluator(range(len(windows)))(space.to_search(p), locals_, False)
         if asis is not None:  # the inputs' noise may lead the refinement astray: the start itself is tried too
             own.append(Solution(asis, 0, 1, GIVEN))
-    points = coarse_design(space, problem.start, problem.mass, problem.fixed, problem.shapes)
+    points = coarse_design(space, problem.start, problem.scales, problem.fixed, problem.shapes)
     found = search(evaluator, space, locals_, points, 2, iterations=6, decrease=2.0)
     grid = ridge_grid(space, space.to_values(found[0].state.u), problem.fixed) if found else []
     if grid:
@@ -87,8 +87,9 @@ def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, fl
     """Fit the whole trials from the best start, and from the others that are about as good but elsewhere."""
     best: tuple[Solution, tuple[TrialModel, ...]] | None = None
     tried: list[np.ndarray] = []
+    rival = RIVAL if problem.mechanism.memory else np.inf  # jumps at a sample more or less: windows rank poorly
     for start in starts:
-        poor = start.state.cost > starts[0].state.cost + RIVAL and start.reason != GIVEN
+        poor = start.state.cost > starts[0].state.cost + rival and start.reason != GIVEN
         if poor or any(np.abs(start.state.u - u).max() < ELSEWHERE for u in tried):
             continue
         tried.append(start.state.u)

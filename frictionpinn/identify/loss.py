@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import choose
+from ..physics.mechanism import Mechanism
 
 DEGREES_OF_FREEDOM = 4.0
 
@@ -71,6 +72,11 @@ class StudentT(Loss):
 LOSSES = {"gaussian": Loss(), "robust": StudentT()}
 
 
-def choose_loss(name: str) -> Loss:
-    """Return the loss of that name; :class:`UserError` for an unknown one."""
-    return choose(name, LOSSES, "loss")
+def choose_loss(name: str, mechanism: Mechanism) -> Loss:
+    """Return the loss of that name; :class:`UserError` for an unknown one.
+
+    "auto" is robust for a law without memory: its force jumps within a sample, so that a slip which the model places
+    on the wrong side of a sample makes an outlier of it, however close the model is.
+    """
+    auto = LOSSES["gaussian" if mechanism.law.memory else "robust"]
+    return choose(name, {"auto": auto} | LOSSES, "loss")

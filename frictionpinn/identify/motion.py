@@ -107,7 +107,7 @@ def smoothed(mechanism: Mechanism, models: Sequence[TrialModel], sigmas: Mapping
 def sliding_regression(
     mechanism: Mechanism, motions: Sequence[Motion], values: Mapping[str, float], free: Sequence[str]
 ) -> dict[str, float]:
-    """Least squares on the sliding samples: E + J (mu_c F_N sign(v) + sigma_2 v + forces of effects) = 0.
+    """Least squares on the sliding samples: (E + J (mu_c F_N sign(v) + sigma_2 v + forces of effects)) / inertia = 0.
 
     Args:
         values: parameters of the system that are known, and start values of those that are not.
@@ -126,7 +126,9 @@ def sliding_regression(
     mu, viscous = sp.Symbol("mu_c", real=True), sp.Symbol("sigma_2", real=True)
     force = mu * system.N * sp.sign(system.v_slip) + viscous * system.v_slip
     force += sum((sp.Symbol(name, real=True) * slope for name, slope in extra.items()), start=sp.Integer(0))
-    functions = [_function(mechanism, system.residual(c) + system.jacobian[c.name] * force) for c in used]
+    balances = {c: system.residual(c) + system.jacobian[c.name] * force for c in used}
+    inertia = {c: sp.diff(row, c.symbols[2]) for c, row in balances.items()}  # else no masses would balance best
+    functions = [_function(mechanism, row / (inertia[c] if inertia[c] != 0 else 1)) for c, row in balances.items()]
     stacked = {key: np.concatenate([m.signals[key][m.fast] for m in motions]) for key in motions[0].signals}
     nothing = {"mu_c": 0.0, "sigma_2": 0.0} | dict.fromkeys(extra, 0.0)
     scale = max(float(np.std(functions[0](stacked, {**values, **nothing}))), 1e-12)

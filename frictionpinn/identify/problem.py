@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -17,35 +14,33 @@ from ..physics.mechanism import Mechanism
 from .build import Builder, Channels, difference_sigmas, windows_of
 from .loss import choose_loss
 from .motion import smoothed
+from .parallel import in_parallel
 from .solve import State
 from .space import Space, check_names
 from .start import data_start, default_bounds
 from .trial import Piece, TrialModel
 
-T = TypeVar("T")
-WORKERS = max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
-_POOL = ThreadPoolExecutor(max_workers=WORKERS)
-
-
-def in_parallel(work: Callable[[int], T], loads: Sequence[float]) -> list[T]:
-    """[work(0), work(1), ...] on all cores: one batch a core, of about equal load."""
-    batches: list[list[int]] = [[] for _ in range(min(WORKERS, len(loads)))]
-    totals = [0.0] * len(batches)
-    for k in sorted(range(len(loads)), key=lambda k: -loads[k]):
-        lightest = totals.index(min(totals))
-        batches[lightest].append(k)
-        totals[lightest] += loads[k]
-    if len(batches) < 2:
-        return [work(k) for k in range(len(loads))]
-    results = list(_POOL.map(lambda batch: [work(k) for k in batch], batches))
-    found = {
-        k: value for batch, values in zip(batches, results, strict=True) for k, value in zip(batch, values, strict=True)
-    }
-    return [found[k] for k in range(len(loads))]
-
 
 class Problem:
-    """What every estimator minimises."""
+    """What every estimator minimises.
+
+    Args:
+        mechanism: the model.
+        recording: what was measured.
+        free: parameters to estimate; by default those of the friction law. Strengths and shapes of effects are held
+            unless they are named here.
+        bounds: name -> (low, high), SI units; by default wide around what the recording suggests.
+        fixed: name -> value of parameters that are known.
+        sigmas: signal -> noise standard deviation, SI units; those not given are estimated.
+        inputs: "joint" estimates the paths of noisy inputs with the parameters, "fixed" takes them as smoothed.
+        initial: "free" or, where every trial starts at "rest", that.
+        windows: length, s, of windows with free initial states, for long, unstable or closed-loop recordings; None
+            simulates whole trials.
+        loss: "gaussian", "robust" (outliers) or "auto", see :func:`frictionpinn.identify.loss.choose_loss`.
+
+    Raises:
+        UserError: names, bounds or signals that do not fit.
+    """
 
     def __init__(
         self,
@@ -58,11 +53,11 @@ class Problem:
         inputs: str = "joint",
         initial: str = "free",
         windows: float | None = None,
-        loss: str = "gaussian",
+        loss: str = "auto",
     ):
         self.mechanism, self.recording = mechanism, recording
         self.simulator = Simulator(mechanism)
-        self.loss = choose_loss(loss)
+        self.loss = choose_loss(loss, mechanism)
         self.joint = choose(inputs, {"joint": True, "fixed": False}, "inputs")
         choose(initial, {"free": 1, "rest": 1}, "initial")
         check_names(mechanism, (*(free or ()), *(bounds or {}), *(fixed or {})))
@@ -87,7 +82,7 @@ class Problem:
         )
         self.motions = smoothed(mechanism, self.trials, self.sigmas)
         scales = data_start(mechanism, self.motions, self.fixed, names)
-        self.mass = scales.mass
+        self.scales = scales
         table = {par.name: par for par in mechanism.parameters}
         self.space = Space.build(
             mechanism,
@@ -105,7 +100,12 @@ class Problem:
                 strict=True,
             )
         )
-        self.simulations = 0
+        self._calls: list[bool] = []
+
+    @property
+    def simulations(self) -> int:
+        """How often the recording was simulated so far."""
+        return len(self._calls)  # appending is safe in threads
 
     # the model's distance from the data -----------------------------------------------------------------------
     def values(self, u: np.ndarray) -> dict[str, float]:
@@ -126,7 +126,7 @@ class Problem:
         """Cost at u and the local unknowns, all trials in parallel; None where one cannot be simulated."""
         p, joint = self.values(u), self.joint if joint is None else joint
         sigmas, names = sigmas or self.sigmas, self.names if derivatives else ()
-        self.simulations += 1
+        self._calls.append(derivatives)
         change = self.space.jacobian(u)
 
         def piece(k: int) -> Piece | None:

@@ -17,6 +17,7 @@ from scipy.stats import qmc
 from ..models.start import DECADES
 from ..physics.mechanism import Mechanism
 from .motion import Motion, effective_mass, sliding_regression
+from .parallel import WORKERS, in_parallel
 from .solve import Evaluate, Solution, levenberg_marquardt
 from .space import Space
 from .units import Sizes, mean_load, shaped
@@ -34,11 +35,15 @@ FIRST = 4  # one window in so many is simulated first: most points of a grid are
 
 @dataclass(frozen=True)
 class Scales:
-    """Start values by name, SI units; the mass that the contact feels (None where no inertia takes part); sizes."""
+    """Start values by name, SI units; the mass that the contact feels (None where no inertia takes part); sizes.
+
+    ``alone`` holds what mu_c or sigma_2 would be if it made all the friction.
+    """
 
     start: dict[str, float]
     mass: float | None
     sizes: Sizes
+    alone: dict[str, float]
 
 
 def data_start(
@@ -57,8 +62,8 @@ def data_start(
     load = mean_load(motions)
     shares = {"mu_c": load, "sigma_2": velocity}
     reference = max((found[name] * unit for name, unit in shares.items() if name in found), default=0.0)
-    for name in shares.keys() & found.keys():
-        found[name] = max(found[name], WEAKEST * reference / shares[name])
+    alone = {name: reference / unit for name, unit in shares.items() if name in found}
+    found |= {name: max(found[name], WEAKEST * value) for name, value in alone.items()}
     mu_c = found.get("mu_c", known.get("mu_c", 1.0))
     force = mu_c * load
     sizes = Sizes(mechanism, motions, max(force, reference))
@@ -71,7 +76,7 @@ def data_start(
     own = {par.name for par in (*mechanism.system.parameters, *mechanism.law.parameters)}
     table, moved = {par.name: par for par in mechanism.parameters}, shaped(mechanism, names)
     rough |= {name: sizes.start(table[name], name in moved) for name in names if name not in own}
-    return Scales({name: float(found.get(name, rough.get(name, known[name]))) for name in names}, mass, sizes)
+    return Scales({name: float(found.get(name, rough.get(name, known[name]))) for name in names}, mass, sizes, alone)
 
 
 def default_bounds(
@@ -91,19 +96,21 @@ def default_bounds(
             result[name] = scales.sizes.ends(par.scan)
         elif par.low >= 0 and par.neutral is None:
             factor, least = 10**DECADES if name in wide else 10.0, max(par.low, 1e-12)
-            low = min(max(abs(value) / factor**2 if name == "mu_c" else abs(value) / factor, least), 0.5 * par.high)
-            result[name] = (low, min(max(abs(value) * factor, 10 * low), par.high))
+            low = min(max(abs(value) / (100.0 if name == "mu_c" else factor), least), 0.5 * par.high)
+            high = max(abs(value) * factor, 10 * low, 10 * scales.alone.get(name, 0.0))
+            result[name] = (low, min(high, par.high))
     return {**dict(given), **result}
 
 
 def coarse_design(
-    space: Space, start: Mapping[str, float], mass: float | None, fixed: Mapping[str, float], shapes: Sequence[str] = ()
-):
+    space: Space, start: Mapping[str, float], scales: Scales, fixed: Mapping[str, float], shapes: Sequence[str] = ()
+) -> list[np.ndarray]:
     """Parameter vectors, spread evenly (Sobol) over the bounds of what the sliding samples do not tell.
 
     ``shapes`` are hidden parameters of effects, which tell little from afar either.
     """
     dims = [name for name in (*DESIGNED, *shapes) if name in space.names]
+    mass, alone = scales.mass, scales.alone
     points = qmc.Sobol(max(len(dims), 1), seed=0).random(SIZES.get(len(dims), LARGEST))
     low, high = dict(zip(space.names, space.low, strict=True)), dict(zip(space.names, space.high, strict=True))
     result = []
@@ -120,6 +127,10 @@ def coarse_design(
             else:
                 p[name] = _between(low[name], high[name], x)
         result.append(np.array([p[name] for name in space.names]))
+    if not dims:  # what one kind of friction does not explain may be another's
+        for name in alone.keys() & set(space.names):
+            others = {other: start[other] * WEAKEST for other in alone if other != name and other in space.names}
+            result.append(np.array([({**start, name: alone[name]} | others)[key] for key in space.names]))
     return result
 
 
@@ -154,11 +165,14 @@ def search(
         best: how many are refined.
         options: of the Levenberg-Marquardt search.
     """
-    evaluate, found = evaluator(range(len(locals_))), []
-    for u in lowest(evaluator, locals_, [space.to_search(p) for p in points], best):
-        first = evaluate(u, locals_, True)
-        if first is not None:
-            found.append(levenberg_marquardt(evaluate, first, space.limits, **options))
+    evaluate = evaluator(range(len(locals_)))
+    us = lowest(evaluator, locals_, [space.to_search(p) for p in points], best)
+
+    def refined(k: int) -> Solution | None:
+        first = evaluate(us[k], locals_, True)
+        return None if first is None else levenberg_marquardt(evaluate, first, space.limits, **options)
+
+    found = [solution for solution in in_parallel(refined, [1.0] * len(us)) if solution is not None]
     return sorted(found, key=lambda solution: solution.state.cost)
 
 
@@ -177,22 +191,23 @@ def lowest(
         return list(us)
     some = range(0, len(locals_), FIRST)
     rest = sorted(set(range(len(locals_))) - set(some))
-    begun = []
-    for k, u in enumerate(us):
-        state = evaluator(some)(u, [locals_[i] for i in some], False, **SLOPPY)
-        if state is not None:
-            begun.append((state.cost, k))
+
+    def costs(which: Sequence[int], ks: Sequence[int]) -> list[tuple[float, int]]:
+        def cost(i: int) -> float:
+            state = evaluator(which)(us[ks[i]], [locals_[j] for j in which], False, **SLOPPY) if which else None
+            return state.cost if state is not None else np.inf if which else 0.0
+
+        return list(zip(in_parallel(cost, [1.0] * len(ks)), ks, strict=True))
+
+    begun = sorted(item for item in costs(some, range(len(us))) if np.isfinite(item[0]))
     ranked: list[tuple[float, int]] = []
     least = np.inf
-    for cost, k in sorted(begun):
-        if len(ranked) >= count and cost + least > ranked[count - 1][0]:
-            break
-        state = evaluator(rest)(us[k], [locals_[i] for i in rest], False, **SLOPPY) if rest else None
-        if state is not None or not rest:
-            other = state.cost if state is not None else 0.0
-            least = min(least, other)
-            ranked = sorted([*ranked, (cost + other, k)])
-    return [us[k] for _, k in ranked[:count]]
+    while begun and (len(ranked) < count or begun[0][0] + least <= ranked[count - 1][0]):
+        now, begun = begun[:WORKERS], begun[WORKERS:]
+        others = [other for other, _ in costs(rest, [k for _, k in now])]
+        least = min([least, *others])
+        ranked = sorted([*ranked, *((cost + other, k) for (cost, k), other in zip(now, others, strict=True))])
+    return [us[k] for cost, k in ranked[:count] if np.isfinite(cost)]
 
 
 def _between(low: float, high: float, x: float) -> float:

@@ -107,7 +107,7 @@ def test_what_never_slides_is_named_and_not_returned():
 
 def test_a_bound_that_excludes_the_truth_is_reported():
     mechanism, truth, _, noisy, _ = case("drive", "dahl", (0, 1))
-    estimate = maximum_likelihood(mechanism, noisy, bounds={"mu_c": (2 * truth["mu_c"], 4 * truth["mu_c"])})
+    estimate = maximum_likelihood(mechanism, noisy, bounds={"mu_c": (1.2 * truth["mu_c"], 4 * truth["mu_c"])})
     assert estimate.outcome == "at a bound"
     assert any("bounds.mu_c" in sentence for sentence in estimate.advice)
 
