@@ -18,9 +18,11 @@ failures: list[BaseException] = []
 def main(cfg: DictConfig) -> None:
     """Evaluate the run that the configuration names."""
     from frictionpinn.workflow.evaluate import evaluate
+    from frictionpinn.workflow.export import export
 
+    act = export if cfg.export else evaluate
     try:
-        evaluate(OmegaConf.to_container(cfg, resolve=True))  # type: ignore[arg-type]
+        act(OmegaConf.to_container(cfg, resolve=True))  # type: ignore[arg-type]
     except UserError as error:
         if cli.full_error():
             raise

@@ -1,0 +1,98 @@
+"""Hand the model of a run on: ONNX, C, MuJoCo."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import UserError, choose
+from ..export import PortableModel
+from ..export.c_code import write_c
+from ..export.mujoco_model import write_mujoco
+from ..export.onnx_model import write_onnx
+from ..models import FrictionModel
+from ..physics import System
+from .build import Config, build_recording
+from .load import load_run
+from .result import commit, versions, write_json
+from .train import quiet
+
+log = logging.getLogger(__name__)
+
+Details = dict[str, Any]
+EXPORTS: dict[str, Callable[[Path, FrictionModel, PortableModel], Details]] = {
+    "onnx": write_onnx,
+    "c": lambda folder, _, portable: {"files": write_c(folder, portable)},
+    "mujoco": lambda folder, _, portable: {"files": write_mujoco(folder, portable)},
+}
+
+
+def export(cfg: Config) -> dict[str, Details]:
+    """Write the run's model in every wanted form to ``<run>/export/<form>/``, with ``export.json`` beside it.
+
+    Args:
+        cfg: resolved conf/evaluate.yaml: run, export (a form of ``EXPORTS`` or a list of them).
+
+    Returns:
+        form -> what stands in its ``export.json``.
+
+    Raises:
+        UserError: an unknown form, an extra that is not installed, a folder that is no run, an export that differs
+            from its model.
+    """
+    quiet()
+    wanted = cfg["export"] if isinstance(cfg["export"], list) else [cfg["export"]]
+    writers = {str(name): choose(str(name), EXPORTS, "export") for name in wanted}
+    trained, system, model = load_run(cfg["run"])
+    portable = PortableModel.of(model, system, sampling_interval(trained, system), refined(cfg["run"]))
+    results = {}
+    for name, write in writers.items():
+        folder = Path(cfg["run"]) / "export" / name
+        folder.mkdir(parents=True, exist_ok=True)
+        details = write(folder, model, portable)
+        results[name] = {
+            "model": portable.name,
+            "system": system.name,
+            "interval": {"value": portable.interval, "unit": "s"},
+            **details,
+            "versions": versions(),
+            "commit": commit(),
+        }
+        write_json(folder / "export.json", results[name])
+        log.info(told(name, folder, details))
+    return results
+
+
+def told(name: str, folder: Path, details: Details) -> str:
+    """One line for the terminal."""
+    text = f"{name}: {', '.join(details['files'])} in {folder}"
+    if "check" in details:
+        difference = details["check"]["largest_difference"]
+        text += f"; differs from torch by at most {difference['value']:.2g} {difference['unit']}"
+        text += f" ({100 * details['check']['relative']:.2g} % of the force)"
+    return text
+
+
+def sampling_interval(trained: Config, system: System) -> float:
+    """Time between the samples that a run was trained on, s."""
+    data = trained["data"]
+    if data["name"] == "simulated":
+        return 1.0 / float(data["rate_hz"])
+    trial = build_recording(data, system).trials[0]
+    return float(np.median(np.diff(trial.t)))
+
+
+def refined(run: str | Path) -> dict[str, float]:
+    """The law's parameters that the run refined; empty where it did not."""
+    path = Path(run) / "result.json"
+    table = (json.loads(path.read_text(encoding="utf-8")).get("refined") or {}).get("parameters") or {}
+    values = {name: entry.get("value") for name, entry in table.items()}
+    missing = [name for name, value in values.items() if value is None]
+    if missing:
+        raise UserError("a refined parameter has no value", where=str(path), received=", ".join(missing))
+    return {name: float(value) for name, value in values.items() if value is not None}

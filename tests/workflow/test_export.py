@@ -1,0 +1,35 @@
+"""evaluate.py export=...: forms by name, parameters that the run refined."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from frictionpinn.errors import UserError
+from frictionpinn.workflow.export import export, refined
+
+
+def test_an_unknown_form_is_named_before_anything_is_written(tmp_path):
+    with pytest.raises(UserError, match="export is 'onx'; allowed: c, mujoco, onnx; did you mean 'onnx'"):
+        export({"run": str(tmp_path), "export": ["c", "onx"]})
+    assert not list(tmp_path.iterdir())
+
+
+def test_refined_parameters_go_with_the_law_and_the_trained_ones_with_the_network(quick, tmp_path):
+    quick(tmp_path, "model=pe1")
+    result = json.loads((tmp_path / "result.json").read_text())
+    trained = result["parameters"]["mu_c"]["value"]
+    result["refined"] = {"parameters": {"mu_c": {"value": 0.2875}}}
+    (tmp_path / "result.json").write_text(json.dumps(result))
+    assert refined(tmp_path) == {"mu_c": 0.2875}
+    export({"run": str(tmp_path), "export": "c"})
+    source = (tmp_path / "export" / "c" / "friction.c").read_text()
+    law = source[source.index("friction_law_identified = {") :].splitlines()[0]
+    assert "0.2875" in law and repr(trained) not in law and repr(trained) in source
+
+
+def test_a_refinement_that_failed_is_not_handed_on(tmp_path):
+    (tmp_path / "result.json").write_text(json.dumps({"refined": {"parameters": {"mu_c": {"value": None}}}}))
+    with pytest.raises(UserError, match="a refined parameter has no value"):
+        refined(tmp_path)
