@@ -43,7 +43,7 @@ def bare(cfg, data, model) -> float:
     """Seconds of EPOCHS steps in a plain loop."""
     made = model.configure_optimizers()
     optimizer, scheduler = made["optimizer"], made["lr_scheduler"]["scheduler"]
-    batch = data._batches["train"]
+    batch = data.batches["train"]
     start = time.perf_counter()
     for _ in range(EPOCHS):
         optimizer.zero_grad()

@@ -95,7 +95,7 @@ class TrajectoryData(L.LightningDataModule):
                 allowed="at least 1",
             )
         self.by_name = {trial.name: trial for trial in trials}
-        self._batches: dict[str, dict[str, Tensor]] = {}
+        self.batches: dict[str, dict[str, Tensor]] = {}
 
     def select(self, split: str) -> list[ContactTrial]:
         """Trials of a split: train, validation or held_out."""
@@ -109,19 +109,19 @@ class TrajectoryData(L.LightningDataModule):
             arrays = [tensors(trial, model.features, "offline") for trial in self.select(split)]
             if arrays:
                 joined = {key: np.concatenate([item[key] for item in arrays]) for key in arrays[0]}
-                self._batches[split] = {key: torch.from_numpy(values) for key, values in joined.items()}
-        model.fit_scales(self._batches["train"])
+                self.batches[split] = {key: torch.from_numpy(values) for key, values in joined.items()}
+        model.fit_scales(self.batches["train"])
 
     def _loader(self, split: str, repeats: int) -> FullBatch:
         device = self.trainer.strategy.root_device if self.trainer is not None else torch.device("cpu")
-        batch = {key: value.to(device) for key, value in self._batches[split].items()}
+        batch = {key: value.to(device) for key, value in self.batches[split].items()}
         return FullBatch(batch, repeats)
 
     def train_dataloader(self) -> FullBatch:
         return self._loader("train", self.steps_per_epoch)
 
     def val_dataloader(self) -> FullBatch | list:
-        return self._loader("validation", 1) if "validation" in self._batches else []
+        return self._loader("validation", 1) if "validation" in self.batches else []
 
     def transfer_batch_to_device(self, batch: Any, device: torch.device, dataloader_idx: int) -> Any:
         """The batch is on the device already."""

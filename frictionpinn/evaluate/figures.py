@@ -14,8 +14,17 @@ INK = {"reference": "#222222", "model": "#d1495b", "baseline": "#8d99ae", "band"
 Forces = Mapping[str, np.ndarray]
 
 
-def force_over_time(trial: ContactTrial, forces: Forces, force_unit: str, title: str) -> Figure:
-    """Friction force over time on one trial, and below it the errors; the first of ``forces`` is the model's."""
+def force_over_time(
+    trial: ContactTrial,
+    forces: Forces,
+    force_unit: str,
+    title: str,
+    interval: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Figure:
+    """Friction force over time on one trial, and below it the errors; the first of ``forces`` is the model's.
+
+    ``interval``: lower and upper end of the model's 95 % interval, shape (n,) each, drawn as a band.
+    """
     reference, label = reference_force(trial)
     figure = Figure(figsize=(9, 5), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 1]})
@@ -24,6 +33,11 @@ def force_over_time(trial: ContactTrial, forces: Forces, force_unit: str, title:
         color = INK["model"] if k == 0 else INK["baseline"]
         top.plot(trial.t, force, color=color, lw=1.1, label=name, zorder=3 - k)
         bottom.plot(trial.t, force - reference, color=color, lw=0.9, zorder=3 - k)
+    if interval is not None:
+        top.fill_between(
+            trial.t, *interval, color=INK["model"], alpha=0.25, lw=0, label="95 % interval of the ensemble"
+        )
+        bottom.fill_between(trial.t, *(end - reference for end in interval), color=INK["model"], alpha=0.25, lw=0)
     bottom.axhline(0.0, color=INK["reference"], lw=0.8)
     top.set(ylabel=f"friction force ({force_unit})", title=title)
     bottom.set(xlabel="time (s)", ylabel=f"error ({force_unit})")

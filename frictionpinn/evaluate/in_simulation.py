@@ -65,8 +65,8 @@ def simulate_model(
             allowed="bdf2",
             fix="leave integrator=null, or evaluate a memoryless bb1 or bb2",
         )
-    (simulation,) = integrate_with_network(system, callable_force(model), path.t, [path], [y0], method=integrator)
-    return simulation
+    found = integrate_with_network(system, callable_force(model), path.t, [path], [y0], method=integrator)
+    return found[0] if isinstance(found, list) else found
 
 
 @dataclass

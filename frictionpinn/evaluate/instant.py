@@ -16,7 +16,7 @@ _MOMENT = 1e-6  # s, over which the bristle's rate is taken
 
 def memoryless(model: FrictionModel) -> bool:
     """Whether the force is a function of the newest sample of the inputs alone (no windows, no bristle rate)."""
-    return model.features.length == 1 and not isinstance(model, ParameterEstimator)
+    return model.features.length == 1 and not model.sees_rates
 
 
 def callable_force(model: FrictionModel) -> Callable[..., torch.Tensor]:

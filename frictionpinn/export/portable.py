@@ -11,8 +11,9 @@ import torch
 from torch import nn
 
 from ..data.contact import BASE
+from ..errors import UserError
 from ..evaluate.instant import WindowedForce
-from ..models import FrictionModel, ParameterEstimator
+from ..models import FrictionEnsemble, FrictionModel, ParameterEstimator
 from ..physics import LAWS, FrictionLaw, System
 
 Layer = tuple[np.ndarray, np.ndarray]
@@ -70,6 +71,14 @@ class PortableModel:
             interval: of its training data, s.
             refined: the law's parameters where the run refined them.
         """
+        if isinstance(model, FrictionEnsemble):
+            raise UserError(
+                "an ensemble is not handed on as one model",
+                where="run",
+                received=f"{model.size} members",
+                allowed="a run of one network",
+                fix="train with ensemble=1",
+            )
         estimator = isinstance(model, ParameterEstimator)
         network = model.network
         linear = [layer for layer in network.layers if isinstance(layer, nn.Linear)]

@@ -77,6 +77,8 @@ class FrictionModel(L.LightningModule):
         self.loss, self.scales, self.optimizer_config = dict(loss), dict(scales), dict(optimizer)
         self.parts: dict[str, Tensor] = {}
 
+    sees_rates = False  # whether the prediction needs the rates of the signals
+
     # physics of the variant ----------------------------------------------------------------------------------
     def predict(self, batch: Batch) -> dict[str, Tensor]:
         """Return ``force`` (n, 1), N, and for PE ``z``, ``z_rate`` and ``residual`` (z' of network less law, m/s)."""
@@ -180,6 +182,7 @@ def check_same_model(checkpoint: Mapping[str, Any], hparams: Mapping[str, Any], 
 def _identity(hparams: Mapping[str, Any]) -> dict[str, Any]:
     """What must agree before a checkpoint's weights and the optimizer's state mean the same."""
     own = {key: hparams.get(key) for key in ("name", "inputs", "windows", "network", "bristle")}
+    own["ensemble"] = len(hparams.get("members") or [None])
     own["system"] = (hparams.get("context") or {}).get("system")
     own["optimizer"] = (hparams.get("optimizer") or {}).get("name")
     return {**own, "friction": hparams.get("law")}

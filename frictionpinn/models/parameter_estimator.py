@@ -35,6 +35,8 @@ class ParameterEstimator(FrictionModel):
         bristle: see above.
     """
 
+    sees_rates = True
+
     def __init__(self, *, law: dict[str, Any], bristle: str = "load", **common: Any):
         super().__init__(**common, law=law, bristle=bristle)
         self.save_hyperparameters()

@@ -50,7 +50,7 @@ class LawParameters(nn.Module):
                 self.raw[name] = nn.Parameter(_inverse(float(start[name]), low, high))
 
     def _range(self, name: str, mu_c: Tensor) -> tuple[Tensor, Tensor]:
-        low, high = (torch.tensor(bound, device=mu_c.device) for bound in self.bounds[name])
+        low, high = (torch.as_tensor(bound, device=mu_c.device) for bound in self.bounds[name])
         if name != "mu_s":
             return low, high
         low = torch.maximum(mu_c, low)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import UserError, nearest
-from ..models import MODELS, FrictionModel
+from ..models import MODELS, FrictionEnsemble, FrictionModel
 from ..physics import System
 from .build import Config, build_system
 from .train import load_checkpoint
@@ -35,7 +35,8 @@ def load_run(folder: str | Path) -> tuple[Config, System, FrictionModel]:
             allowed=cfg["model"]["name"],
             fix="give a folder that train.py wrote",
         )
-    model = MODELS[options["name"]](**options)
+    members = options.get("members")
+    model = FrictionEnsemble.from_hparams(options) if members else MODELS[options["name"]](**options)
     try:
         model.load_state_dict(checkpoint["state_dict"])
     except (KeyError, RuntimeError) as error:

@@ -18,9 +18,10 @@ from ..data.contact import ContactTrial
 from ..data.module import TrajectoryData
 from ..evaluate.figures import force_over_time, force_over_velocity
 from ..evaluate.force import CoulombViscousFit, force_errors
-from ..models import FrictionModel
+from ..models import FrictionEnsemble, FrictionModel
 from ..physics import LAWS, System
 from .build import Config
+from .ensemble import band, member_spread, uncertainty
 
 PACKAGES = ("torch", "lightning", "hydra-core", "numpy", "scipy", "sympy", "numba")
 
@@ -35,9 +36,11 @@ def report(cfg: Config, folder: Path, system: System, data: TrajectoryData, mode
         "model": force_errors(model, scored),
         "coulomb_viscous": force_errors(baseline, scored) | {"parameters": baseline.parameters},
     }
-    figures(folder, system, scored, model, baseline, errors, trainer)
+    told = uncertainty(model, data.select("train"), scored) if isinstance(model, FrictionEnsemble) else None
+    figures(folder, system, scored, model, baseline, errors, trainer, told)
     square = f"({unit})^2" if "*" in unit else f"{unit}^2"
     return {
+        **({"ensemble": {"over": cfg["ensemble_over"], "unit": unit, **told}} if told else {}),
         "model": cfg["model"]["name"],
         "system": system.name,
         "data": {
@@ -76,18 +79,22 @@ def parameters(cfg: Config, system: System, model: FrictionModel) -> dict[str, d
     start = model.hparams["law"]["start"]
     known = cfg["data"].get("truth") or {}
     same_law = cfg["data"].get("friction") == law.name
-    table = {}
+    table, spread = {}, member_spread(model)
     for par in law.parameters:
         entry: dict[str, Any] = {"value": values[par.name], "unit": system.unit(par), "text": par.text}
         entry["start"] = start.get(par.name)
         entry["trained"] = par.name in model.law_parameters.raw  # type: ignore[union-attr, operator]
+        if par.name in spread:
+            entry["spread"] = spread[par.name]
         if same_law and par.name in known:
             entry["truth"] = float(known[par.name])
         table[par.name] = entry
     return table
 
 
-def figures(folder: Path, system: System, trials: list[ContactTrial], model, baseline, errors, trainer) -> None:
+def figures(
+    folder: Path, system: System, trials: list[ContactTrial], model, baseline, errors, trainer, told=None
+) -> None:
     """Draw force over time on the longest held-out trial and force against velocity on all of them."""
     name = model.hparams["name"].upper()
     unit, slip = readable(system.force_unit), readable(f"{system.slip_unit}/s")
@@ -101,6 +108,7 @@ def figures(folder: Path, system: System, trials: list[ContactTrial], model, bas
             {label: forces[k] for label, forces in predicted.items()},
             unit,
             f"{name} on {system.title}, trial {trials[k].name}: friction force",
+            band(model.predict_trial(trials[k]), told) if told else None,
         ),
         "force_over_velocity": force_over_velocity(
             trials, predicted, (unit, slip), f"{name} on {system.title}: friction against slip velocity"
@@ -169,6 +177,13 @@ def summarise(result: Mapping[str, Any], folder: Path) -> str:
     for key, label in (("model", result["model"]), ("coulomb_viscous", "Coulomb + viscous fit")):
         item = error[key]
         lines.append(f"  {label:<22}{item['rmse']:>10.4g} {unit} rms  ({100 * item['relative']:.3g} % of the force)")
+    if "ensemble" in result:
+        told = result["ensemble"]
+        lines.append(
+            f"  {told['members']} members: the interval of {100 * told['coverage']['wanted']:.0f} % holds "
+            f"{100 * told['coverage']['interval']:.1f} % of the force; the spread alone (1.96 standard deviations) "
+            f"{100 * told['coverage']['spread_alone']:.1f} %"
+        )
     seconds = result["training"]["seconds"]
     lines.append(f"{result['training']['epochs']} epochs in {seconds['training']:.1f} s; everything is in {folder}")
     return "\n".join(lines)

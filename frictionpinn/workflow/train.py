@@ -16,10 +16,11 @@ from lightning.pytorch.loggers import TensorBoardLogger
 
 from ..data.module import TrajectoryData
 from ..errors import UserError, nearest
-from ..models import FrictionModel
+from ..models import FrictionEnsemble, FrictionModel
 from ..models.base import check_same_model
-from .build import Config, build_data, build_model, build_system, check_pairing
+from .build import Config, build_system, check_pairing
 from .callbacks import Progress, Scalars, StopOnNaN
+from .ensemble import MembersBest, prepare, size_of
 from .refine import check_refinable, refine
 from .result import report, summarise, write_json
 
@@ -45,12 +46,11 @@ def train(cfg: Config, folder: Path) -> dict[str, Any]:
     torch.set_num_threads(max(int(cfg["trainer"].get("threads") or torch.get_num_threads()), 1))
     L.seed_everything(seed_of(cfg), workers=False, verbose=False)
     check_pairing(cfg)
+    size_of(cfg)
     check_refinable(cfg)
     announce_compilation(cfg)
     system = build_system(cfg["system"])
-    data = build_data(cfg, system)
-    model = build_model(cfg, system, data)
-    data.prepare_for(model)
+    data, model = prepare(cfg, system)
     if cfg.get("ckpt_path"):
         check_resumable(load_checkpoint(cfg["ckpt_path"], "ckpt_path"), model, int(cfg["trainer"]["max_epochs"]))
     trainer = build_trainer(cfg, folder, validation=bool(data.splits["validation"]))
@@ -167,8 +167,10 @@ def build_trainer(cfg: Config, folder: Path, validation: bool) -> L.Trainer:
         StopOnNaN(options["log_every_n_steps"]),
     ]
     stopping = options.get("early_stopping")
-    if stopping:
-        patience = max(int(stopping["patience"]) // every, 1)
+    patience = max(int(stopping["patience"]) // every, 1) if stopping else None
+    if size_of(cfg) > 1:
+        callbacks.append(MembersBest(every, patience, float(stopping["min_delta"]) if stopping else 0.0))
+    elif stopping and patience:
         kind = EarlyStopping(
             monitor, float(stopping["min_delta"]), patience, strict=False, check_on_train_epoch_end=True
         )
@@ -219,8 +221,12 @@ class EveryFew(Callback):
 
 
 def use_best(model: FrictionModel, trainer: L.Trainer) -> None:
-    """Load the weights of the best checkpoint."""
+    """Load the weights of the best checkpoint; of an ensemble, every member's own best, and keep those."""
     path = trainer.checkpoint_callback.best_model_path  # type: ignore[union-attr]
+    if isinstance(model, FrictionEnsemble):
+        model.restore_best()
+        trainer.save_checkpoint(path, weights_only=True)
+        return
     if path:
         model.load_state_dict(load_checkpoint(path, "checkpoint")["state_dict"])
 

@@ -1,0 +1,95 @@
+"""An ensemble is its members: the same losses, steps, best weights and predictions as each alone."""
+
+from __future__ import annotations
+
+import copy
+
+import pytest
+import torch
+
+from frictionpinn.errors import UserError
+from frictionpinn.models import FrictionEnsemble
+
+
+def members(make, name: str, count: int = 3, **options) -> list:
+    """Members with start weights of their own."""
+    made = [make(name, **options) for _ in range(count)]
+    for k, model in enumerate(made):
+        torch.manual_seed(k)
+        for layer in model.network.layers:
+            if hasattr(layer, "reset_parameters"):
+                layer.reset_parameters()
+    return made
+
+
+def steps(model, data, count: int) -> None:
+    """Optimizer steps in a plain loop."""
+    made = model.configure_optimizers()
+    optimizer, schedule = made["optimizer"], made["lr_scheduler"]["scheduler"]
+    for _ in range(count):
+        optimizer.zero_grad()
+        model.backward(model.training_step(data, 0))
+        optimizer.step()
+        schedule.step()
+
+
+@pytest.mark.parametrize("name", ["bb2", "pe2"])
+@pytest.mark.parametrize("over", ["seed", "noise"])
+def test_every_member_takes_the_steps_that_it_would_take_alone(make, batch, name, over):
+    alone = members(make, name, optimizer="adam_onecycle")
+    data = [batch(alone[0])] * 3
+    if over == "noise":  # other data, other standardisation
+        data = [{key: value * (1 + 0.1 * k) for key, value in data[0].items()} for k in range(3)]
+        for model, own in zip(alone, data, strict=True):
+            model.fit_scales(own)
+            model.scales["force"] *= 1 + 0.1 * float(own["x"].mean() > 0)
+    together = FrictionEnsemble(copy.deepcopy(alone))
+    stacked = data[0] if over == "seed" else {key: torch.stack([own[key] for own in data]) for key in data[0]}
+    steps(together, stacked, 5)
+    for model, own in zip(alone, data, strict=True):
+        steps(model, own, 5)
+    for model, member in zip(alone, together.members(), strict=True):
+        for key, value in model.state_dict().items():
+            assert torch.allclose(member.state_dict()[key], value, rtol=1e-4, atol=1e-6), key
+
+
+@pytest.mark.parametrize("chunk", [1, 2, 3])
+def test_how_many_members_go_at_once_does_not_change_the_gradients(make, batch, chunk, monkeypatch):
+    together = FrictionEnsemble(members(make, "pe1"))
+    monkeypatch.setattr(together, "chunk", lambda _: chunk)
+    together.backward(together.training_step(batch(together.members()[0]), 0))
+    found = {key: value.grad for key, value in together.named_parameters()}
+    monkeypatch.setattr(together, "chunk", lambda _: 1)
+    together.backward(together.training_step(batch(together.members()[0]), 0))
+    for key, value in together.named_parameters():
+        assert torch.allclose(found[key], value.grad, rtol=1e-4, atol=1e-7), key
+
+
+def test_its_prediction_is_the_mean_of_its_members_with_their_spread(make, data):
+    alone = members(make, "pe1")
+    together = FrictionEnsemble(copy.deepcopy(alone))
+    trial = data.select("held_out")[0]
+    forces = torch.stack([torch.as_tensor(model.predict_trial(trial)["force"]) for model in alone])
+    found = together.predict_trial(trial)
+    assert found["force"] == pytest.approx(forces.mean(0).numpy(), rel=1e-4, abs=1e-5)
+    assert found["force_std"] == pytest.approx(forces.std(0).numpy(), rel=1e-3, abs=1e-5)
+    values = [model.physical()["mu_c"] for model in alone]
+    assert together.physical_of_members()["mu_c"] == pytest.approx(values)
+
+
+def test_each_member_keeps_its_own_best_and_stops_by_itself(make):
+    together = FrictionEnsemble(members(make, "bb1"))
+    (name, weight) = next(iter(together.named_parameters()))
+    for losses, value in (((3.0, 3.0, 3.0), 1.0), ((2.0, 4.0, 4.0), 2.0), ((5.0, 2.0, 5.0), 3.0)):
+        with torch.no_grad():
+            weight.fill_(value)
+        going_on = together.keep_best(torch.tensor(losses), patience=2)
+    assert going_on and together.keep_best(torch.tensor([9.0, 9.0, 0.0]), patience=2)  # the third had stopped: too late
+    together.restore_best()
+    assert [row.flatten()[0].item() for row in dict(together.named_parameters())[name]] == [2.0, 3.0, 1.0]
+    assert not together.keep_best(torch.tensor([9.0, 9.0, 9.0]), patience=2)
+
+
+def test_an_optimizer_that_follows_one_loss_is_refused(make):
+    with pytest.raises(UserError, match="adam_lbfgs; allowed: adam, adam_onecycle"):
+        FrictionEnsemble(members(make, "bb1", optimizer="adam_lbfgs"))
