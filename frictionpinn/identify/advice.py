@@ -20,6 +20,8 @@ HINTS = {
     "M": "add strong accelerations",
 }
 UNTOLD = 1.0  # standard error of a logarithm: a 95 % interval of a factor 50
+BROAD = 0.3  # of the largest slip velocity: a larger Stribeck velocity describes no rise towards rest
+MERGED = 1.05  # times the parameter that another must exceed: below, the two are one
 CORRELATED = 2.0  # samples over which residuals stay correlated before the model is doubted
 
 
@@ -79,20 +81,22 @@ def hints_for(mechanism: Mechanism) -> dict[str, str]:
 def advise(
     mechanism: Mechanism,
     space: Space,
+    p: np.ndarray,
     covariance: np.ndarray,
     mask: np.ndarray,
     at: Mapping[str, float],
     limits: Mapping[str, float],
     as_measured: Sequence[str],
-    slides: bool,
+    fastest: float,
     memory_time: float,
 ) -> tuple[str, ...]:
     """Sentences for the result: no sliding, parameters not told or at a bound, correlations, a model that lacks.
 
-    ``limits`` are strengths of effects at a physical limit, ``as_measured`` inputs whose noise is ignored.
+    ``p`` are the values, ``limits`` strengths of effects at a physical limit, ``as_measured`` inputs whose noise is
+    ignored, ``fastest`` the largest slip velocity, 0 where nothing slides.
     """
     result, hints = [], hints_for(mechanism)
-    if not slides:
+    if fastest == 0.0:
         result.append("the contact hardly slides in this recording: increase the excitation until it does")
     for name, hidden in zip(space.names, mask, strict=True):
         if hidden:
@@ -101,9 +105,17 @@ def advise(
         more = ": the data show no such effect" if value == 0 else ""
         result.append(f"{name} ended at {value:g}, its physical limit{more}")
     for name, value in at.items():
+        lower = space.below[space.names.index(name)]
+        if lower >= 0 and value < MERGED * p[lower]:
+            result.append(f"{name} ended at {space.names[lower]}: friction does not rise towards rest in these data; "
+                          "take a law without that (dahl, coulomb_viscous), or record slow starts")  # fmt: skip
+            continue
         nothing = name in ("mu_c", "sigma_2") and value < 2 * space.low[space.names.index(name)]
         either = "leave it out: this model wants none" if nothing else "hold it fixed"
         result.append(f"{name} ended at its bound, {value:.3g}: widen bounds.{name}, or {either}")
+    if "v_s" in space.names and p[space.names.index("v_s")] > BROAD * fastest > 0:
+        bend = "the Stribeck term bends the whole curve and stands for something else"
+        result.append(f"v_s is as large as the speeds in these data: {bend}; take a law without it")
     result += sentences(space.names, np.nan_to_num(correlation_of(covariance)), hints)
     if as_measured:
         result.append(f"too rough for a smooth path, taken as measured without noise: {', '.join(as_measured)}")

@@ -69,13 +69,13 @@ def finish(
     low, high = space.limits
     width = np.where(np.isfinite(high - low), np.maximum(high - low, 1e-12), 1.0)
     at = (state.u - low < 1e-4 * width) | (high - state.u < 1e-4 * width)
-    mask = untold(space, state.u, information) & ~at
     rows: dict[str, list[np.ndarray]] = {}
     for piece in state.pieces:
         for name in problem.channels.outputs:
             rows.setdefault(name, []).append(np.nan_to_num(piece.residuals[name] / sigmas[name]))
     flat = np.concatenate([r for columns in rows.values() for r in columns])
     factor = widening(rows) * problem.loss.inflation(flat)
+    mask = untold(space, state.u, information / factor) & ~at
     covariance = covariance_of(space, state.u, information, mask, at) * factor
     covariance = _widened(space, state.u, covariance, beside, factor)
     p = np.where(mask, np.nan, space.to_values(state.u))
@@ -83,6 +83,7 @@ def finish(
     errors = np.sqrt(np.diag(covariance))
     positive = space.scales == 0
     slides = any(motion.fast.any() for motion in problem.motions)
+    fastest = max(float(np.abs(motion.v_slip).max()) for motion in problem.motions) if slides else 0.0
     at_bound = {name: value for name, value, hit in zip(space.names, p.tolist(), at & ~ends, strict=True) if hit}
     limits = {name: value for name, value, hit in zip(space.names, p.tolist(), ends, strict=True) if hit}
     smooth = {name for model in models for item in model.inputs for name in item.names}
@@ -93,13 +94,14 @@ def finish(
     outcome = AT_BOUND if at_bound else UNIDENTIFIED if mask.any() else outcome
     outcome = NO_EXCITATION if not slides or mask.all() else outcome
     memory_time = max(correlation_time(columns) for columns in rows.values())
+    advice = advise(problem.mechanism, space, p, covariance, mask, at_bound, limits, rough, fastest, memory_time)
+    details = {"state": state, "models": tuple(models), "iterations": solution.iterations, "reason": solution.reason}
     return Estimate(
         estimator, space.names, dict(zip(space.names, p.tolist(), strict=True)),
         {name: problem.mechanism.units[name] for name in space.names}, covariance,
-        ci95, outcome, advise(problem.mechanism, space, covariance, mask, at_bound, limits, rough, slides, memory_time),
-        state.cost, n_simulations, seconds,
-        sigmas, {model.trial: piece.residuals for model, piece in zip(models, state.pieces, strict=True)},
-        {"state": state, "models": tuple(models), "iterations": solution.iterations, "reason": solution.reason},
+        ci95, outcome, advice, state.cost, n_simulations, seconds, sigmas,
+        {model.trial: piece.residuals for model, piece in zip(models, state.pieces, strict=True)},
+        details | {"values": space.to_values(state.u).tolist()},
     )  # fmt: skip
 
 

@@ -24,6 +24,7 @@ RIVAL = 15.0  # log-likelihood: a start that is worse by more is not tried on th
 ELSEWHERE = 0.1  # in log u: starts that are closer are the same
 ROUGH = {"rtol": 1e-4, "atol": 1e-5}  # tolerances over windows: errors of 1e-5 m/s are far below any noise
 REACH = 2.0  # times the largest friction force: how far from zero the initial bristle force may be
+MISFIT = 2.0  # times the noise by differences: residuals over windows that are larger set the level
 GIVEN = "as given"  # a start that is fitted even where it looks poor over windows
 NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
 
@@ -63,6 +64,20 @@ def find_start(problem: Problem, given: Mapping[str, float] | None = None) -> li
     if grid:
         found += search(evaluator, space, found[0].state.locals, grid, 2, iterations=10, decrease=0.3)
     return sorted([*own, *found], key=lambda solution: solution.state.cost)
+
+
+def first_sigmas(problem: Problem, state: State) -> dict[str, float]:
+    """Noise levels to begin the whole trials with: those of the residuals over windows where these are far larger.
+
+    Differences see nothing of filtered noise or of what a model lacks, and the search would weigh signals by that.
+    """
+    result = dict(problem.sigmas)
+    for name in set(problem.channels.outputs) - set(problem.given):
+        r = np.concatenate([piece.residuals[name] for piece in state.pieces])
+        r = r[~np.isnan(r)]
+        level = problem.loss.sigma(r, len(r)) if len(r) else 0.0
+        result[name] = level if level > MISFIT * result[name] else result[name]
+    return result
 
 
 def with_bristle(problem: Problem, u: np.ndarray) -> tuple[TrialModel, ...]:
@@ -142,7 +157,7 @@ def maximum_likelihood(
         problem = Problem(mechanism, recording, **options)
     before = problem.simulations
     starts = find_start(problem, start)
-    sigmas = dict(problem.sigmas)
+    sigmas = first_sigmas(problem, starts[0].state) if starts else dict(problem.sigmas)
     best = _whole(problem, starts, sigmas) if starts else None
     if best is None:
         return failed(problem, began, before)

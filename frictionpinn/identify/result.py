@@ -32,7 +32,7 @@ class Estimate:
         seconds: wall-clock time.
         sigmas: signal -> noise standard deviation, SI units.
         residuals: trial -> signal -> model minus measurement, shape (n,), SI units.
-        details: what only some estimators know.
+        details: what only some estimators know; ``values``: where the search ended, of parameters not told too.
     """
 
     estimator: str

@@ -15,7 +15,7 @@ from scipy import optimize
 
 from .likelihood import failed, finish
 from .problem import Problem
-from .result import CONVERGED, STOPPED, Estimate
+from .result import STOPPED, Estimate
 from .solve import Solution
 
 NO_MODEL = 1e12  # cost of parameters at which the mechanism cannot be simulated
@@ -164,5 +164,5 @@ def search(
     count = problem.simulations - before
     estimate = finish(problem, objective.models, solution, dict(problem.sigmas), seconds, count, method)
     details = {**estimate.details, "trace": objective.trace, "path": objective.path}
-    outcome = STOPPED if not done and estimate.outcome == CONVERGED else estimate.outcome
+    outcome = estimate.outcome if done else STOPPED
     return replace(estimate, details=details, outcome=outcome)

@@ -25,9 +25,10 @@ from .units import Sizes, mean_load, shaped
 DESIGNED = ("sigma_0", "sigma_1", "mu_s", "v_s")  # what the sliding samples do not tell
 SIZES = {0: 1, 1: 32, 2: 32, 3: 64, 4: 64}  # points of the coarse design by number of such parameters
 LARGEST = 128  # points where there are more
+FEW = 0.1  # of all the friction: dry friction below is tried as all of it too
 WEAKEST = 0.01  # of the larger of dry and viscous friction: where the smaller one starts at least
 DAMPING_RATIO = (0.03, 1.0)
-STATIC_RATIO = (1.05, 4.0)  # mu_s / mu_c
+STATIC_RATIO = (1.02, 4.0)  # mu_s / mu_c
 RIDGE = (6, 8)  # grid over mu_s / mu_c and v_s
 SLOPPY = {"rtol": 1e-3, "atol": 1e-4}  # for ranking
 FIRST = 4  # one window in so many is simulated first: most points of a grid are out after these
@@ -114,8 +115,11 @@ def coarse_design(
     points = qmc.Sobol(max(len(dims), 1), seed=0).random(SIZES.get(len(dims), LARGEST))
     low, high = dict(zip(space.names, space.low, strict=True)), dict(zip(space.names, space.high, strict=True))
     result = []
-    for point in points:
+    dry = alone.get("mu_c", 0.0)
+    for k, point in enumerate(points):
         p = dict(start)
+        if k % 2 and start.get("mu_c", np.inf) < FEW * dry:  # what looks viscous may be dry friction with drag
+            p["mu_c"] = dry
         for name, x in zip(dims, point, strict=False):
             if name == "sigma_1" and mass:
                 stiffness = p.get("sigma_0", fixed.get("sigma_0", 1.0))
