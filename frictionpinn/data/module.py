@@ -29,14 +29,19 @@ class FullBatch:
 
 
 def split_trials(
-    names: Sequence[str], held_out: Sequence[Any] | None, validation: Sequence[Any] | None = None
+    names: Sequence[str],
+    held_out: Sequence[Any] | None,
+    validation: Sequence[Any] | None = None,
+    training: int | None = None,
 ) -> dict[str, list[str]]:
     """Names of the trials to train on, to validate on and to hold out; never parts of one trial.
 
-    ``held_out`` None holds out the last trial where there are several.
+    ``held_out`` None holds out the last trial where there are several. ``training`` is how many of the others to train
+    on, spread evenly over them; None: all.
 
     Raises:
-        UserError: a name that no trial has, one trial in two splits, nothing left to train on.
+        UserError: a name that no trial has, one trial in two splits, nothing left to train on, more trials than there
+            are.
     """
     held = [names[-1]] if held_out is None and len(names) > 1 else _names(held_out)
     valid = _names(validation)
@@ -59,7 +64,21 @@ def split_trials(
             allowed="disjoint trials, at least one left to train on",
             fix=f"the recording has the trials {', '.join(names)}",
         )
-    return {"train": train, "validation": valid, "held_out": held}
+    return {"train": _spread(train, training), "validation": valid, "held_out": held}
+
+
+def _spread(names: list[str], count: int | None) -> list[str]:
+    """So many of the names, spread evenly: of five, one is the third, two the second and fourth."""
+    if count is None:
+        return names
+    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= len(names):
+        raise UserError(
+            "impossible number of trials",
+            where="data.training_trials",
+            received=count,
+            allowed=f"1 to {len(names)}, or null for all",
+        )
+    return [names[int((k + 0.5) * len(names) / count)] for k in range(count)]
 
 
 def _names(chosen: Any) -> list[str]:

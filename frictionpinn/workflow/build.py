@@ -79,10 +79,17 @@ def check_pairing(cfg: Config) -> None:
 def build_recording(cfg: Config, system: System) -> Recording:
     """The recording before noise is added: simulated, from files, or a public set."""
     if cfg["name"] == "simulated":
-        return simulate_recording(system, cfg["friction"], cfg["truth"], cfg["trials"], float(cfg["rate_hz"]))
+        obeyed = simulated_system(cfg, system)
+        return simulate_recording(obeyed, cfg["friction"], cfg["truth"], cfg["trials"], float(cfg["rate_hz"]))
     if cfg["name"] == "csv":
         return _from_files(cfg, system)
     return load_public(cfg["name"], **(cfg.get("options") or {}))
+
+
+def simulated_system(cfg: Config, system: System) -> System:
+    """The system that simulated data obey: with the equations ``data.equations``, where they are given."""
+    values: dict[str, Any] = dict(system.values)
+    return type(system)(equations=cfg.get("equations") or system.equations, driven=system.driven, **values)
 
 
 def _paths(given: Any) -> list[str]:
@@ -140,7 +147,8 @@ def build_data(cfg: Config, system: System) -> TrajectoryData:
     """Recording, noise, smoothing and split of the experiment."""
     clean = build_recording(cfg["data"], system)
     noisy = build_noise(cfg["noise"])(clean, int(cfg["seed"]))
-    splits = split_trials(clean.names, cfg["data"].get("held_out"), cfg["data"].get("validation"))
+    table = cfg["data"]
+    splits = split_trials(clean.names, table.get("held_out"), table.get("validation"), table.get("training_trials"))
     offline, online = build_smoothing(cfg["smoothing"])
     trials = contact_trials(noisy, system, offline, online, splits["train"])
     _require_force(trials, splits["train"])

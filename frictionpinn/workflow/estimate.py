@@ -63,15 +63,15 @@ def estimate(
     return search(method, problem, start=start, seed=seed, simulations=simulations)
 
 
-def default_config(overrides: list[str]) -> Config:
-    """The training configuration in conf/ with overrides, as plain values."""
+def default_config(overrides: list[str], name: str = "train") -> Config:
+    """A configuration of conf/ (by default that of a training) with overrides, as plain values."""
     from hydra import compose, initialize_config_dir
     from hydra.core.global_hydra import GlobalHydra
     from omegaconf import OmegaConf
 
     GlobalHydra.instance().clear()
     with initialize_config_dir(str(CONFIG), version_base="1.3"):
-        return OmegaConf.to_container(compose("train", overrides=overrides), resolve=True)  # type: ignore[return-value]
+        return OmegaConf.to_container(compose(name, overrides=overrides), resolve=True)  # type: ignore[return-value]
 
 
 def network(

@@ -12,7 +12,7 @@ from typing import Any
 from ..data.contact import ContactTrial
 from ..errors import UserError
 from ..evaluate.characteristics import Characteristics, characteristics
-from ..evaluate.draw import draw
+from ..evaluate.draw import characteristics_figure, draw
 from ..evaluate.page import terminal_table, write_page
 from ..evaluate.published import add_published
 from ..evaluate.trajectory import Trajectory, compare
@@ -114,6 +114,30 @@ def build_characteristics(
     return {label: characteristics(item, home, train, law, truth, int(cfg["grid"])) for label, item in models.items()}
 
 
+def draw_characteristics(cfg: Config, path: Path) -> dict[str, Any]:
+    """Only the friction characteristics of an evaluation: a panel for the run, for each ``beside`` and for the truth.
+
+    Returns:
+        what ``result.json`` holds of them.
+    """
+    trained, home, model = load_run(cfg["run"])
+    train = build_data(trained, home).select("train")
+    surfaces = build_characteristics(cfg, trained, home, model, train)
+    told = _characteristics(home, surfaces)
+    characteristics_figure(surfaces, told).savefig(path, dpi=120)
+    return told
+
+
+def _characteristics(home: System, surfaces: Mapping[str, Characteristics]) -> dict[str, Any]:
+    grid = next(iter(surfaces.values()))
+    return {
+        "difference_rms": {label: item.rms for label, item in surfaces.items()},
+        "unit": home.force_unit,
+        "v_slip": {"low": float(grid.v[0]), "high": float(grid.v[-1]), "unit": f"{home.slip_unit}/s"},
+        "normal_force": {"low": float(grid.N[0]), "high": float(grid.N[-1]), "unit": home.force_unit},
+    }
+
+
 def _result(
     cfg: Config,
     away: Config,
@@ -125,7 +149,6 @@ def _result(
 ) -> dict[str, Any]:
     name = away["model"]["name"]
     same = system.name == home.name
-    grid = next(iter(surfaces.values()))
     path = Path(cfg["run"]) / "checkpoints" / "best.ckpt"
     result = {
         "model": name,
@@ -139,12 +162,7 @@ def _result(
         "seeds": cfg["seeds"],
         "trajectories": {item.name: item.describe() for item in trajectories},
         "errors": errors,
-        "characteristics": {
-            "difference_rms": {label: item.rms for label, item in surfaces.items()},
-            "unit": home.force_unit,
-            "v_slip": {"low": float(grid.v[0]), "high": float(grid.v[-1]), "unit": f"{home.slip_unit}/s"},
-            "normal_force": {"low": float(grid.N[0]), "high": float(grid.N[-1]), "unit": home.force_unit},
-        },
+        "characteristics": _characteristics(home, surfaces),
         "versions": versions(),
         "commit": commit(),
         "config": cfg,

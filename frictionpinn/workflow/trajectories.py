@@ -13,7 +13,7 @@ from ..data.simulated import simulate_recording
 from ..errors import UserError
 from ..evaluate.trajectory import Trajectory
 from ..physics import System
-from .build import Config, build_data, build_noise, build_smoothing
+from .build import Config, build_data, build_noise, build_smoothing, simulated_system
 
 
 def transferred(trained: Config, system: Mapping[str, Any] | None, chosen: Mapping[str, Any] | None) -> Config:
@@ -25,7 +25,10 @@ def transferred(trained: Config, system: Mapping[str, Any] | None, chosen: Mappi
     cfg, table = dict(trained), dict(trained["data"])
     if system is not None and system["name"] != trained["system"]["name"]:
         own = system["simulate"]
-        table |= {key: own[key] for key in ("friction", "truth", "trials", "held_out")} | {"validation": []}
+        table |= {key: own[key] for key in ("friction", "truth", "trials", "held_out")} | {
+            "validation": [],
+            "equations": None,
+        }
         cfg["system"] = dict(system)
     name = cfg["system"]["name"]
     if chosen and chosen.get(name):
@@ -49,7 +52,8 @@ def build_trajectories(cfg: Config, system: System, data: TrajectoryData | None,
     table = cfg["data"]
     specs = [{"name": f"trajectory {k + 1}", **spec} for k, spec in enumerate(table["trajectories"])]
     try:
-        clean = simulate_recording(system, table["friction"], table["truth"], specs, float(table["rate_hz"]))
+        obeyed = simulated_system(table, system)
+        clean = simulate_recording(obeyed, table["friction"], table["truth"], specs, float(table["rate_hz"]))
     except UserError as error:  # the trials are called trajectories here
         where = (error.where or "data.trials").replace("data.trials", f"trajectories.{system.name}")
         told = {"received": error.received, "allowed": error.allowed, "fix": error.fix}

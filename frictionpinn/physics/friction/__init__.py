@@ -4,8 +4,9 @@ from .coulomb import Coulomb
 from .coulomb_viscous import CoulombViscous
 from .dahl import Dahl
 from .lugre import LuGre
+from .lugre_tied import TiedLuGre
 from .stribeck import Stribeck
 
-LAWS = {law.name: law for law in (Coulomb, CoulombViscous, Stribeck, Dahl, LuGre)}
+LAWS = {law.name: law for law in (Coulomb, CoulombViscous, Stribeck, Dahl, LuGre, TiedLuGre)}
 
-__all__ = ["LAWS", "Coulomb", "CoulombViscous", "Dahl", "LuGre", "Stribeck"]
+__all__ = ["LAWS", "Coulomb", "CoulombViscous", "Dahl", "LuGre", "Stribeck", "TiedLuGre"]

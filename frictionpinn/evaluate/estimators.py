@@ -1,0 +1,93 @@
+"""Table and figure of estimators beside each other."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from .figures import INK
+from .trajectory import readable
+
+LABELS = {
+    "maximum_likelihood": "maximum likelihood",
+    "pe1": "PE1",
+    "pe2": "PE2",
+    "least_squares": "least squares",
+    "nelder_mead": "Nelder-Mead",
+    "genetic": "genetic algorithm",
+}
+COLORS = {
+    "maximum_likelihood": INK["model"],
+    "pe1": "#edae49",
+    "pe2": "#b5651d",
+    "least_squares": "#2a9d8f",
+    "nelder_mead": "#457b9d",
+    "genetic": INK["baseline"],
+}
+
+
+def summary(runs: list[Mapping[str, Any]], key: str, name: str | None = None) -> tuple[float, float, float] | None:
+    """Median, lowest and highest over the seeds of an entry (of ``values[name]`` where a name is given); None: none."""
+    found = [run[key] if name is None else run[key].get(name) for run in runs]
+    known = [value for value in found if value is not None]
+    return (statistics.median(known), min(known), max(known)) if known else None
+
+
+def rows(result: Mapping[str, Any]) -> Iterator[list[str]]:
+    """Cells of the table, the heading first: median [lowest, highest] over the seeds; the truth last."""
+    names = [name for name in result["units"] if name != "force_mse"]
+    units = [readable(result["units"][name]) for name in names]
+    heads = [name if unit == "1" else f"{name} ({unit})" for name, unit in zip(names, units, strict=True)]
+    force = readable(result["units"]["force_mse"])
+    yield ["estimator", *heads, "time (s)", "processor time (s)", "simulations", f"force error ({force})", "told"]
+    for method, runs in result["methods"].items():
+        cells = [_cell(summary(runs, "values", name)) for name in names]
+        cells += [_cell(summary(runs, key)) for key in ("seconds", "processor_seconds", "simulations", "force_mse")]
+        told = sum(all(value is not None for value in run["values"].values()) for run in runs)
+        yield [LABELS[method], *cells, f"{told} of {len(runs)}"]
+    if result["truth"]:
+        yield ["truth", *(f"{result['truth'].get(name, float('nan')):.3g}" for name in names), *["-"] * 5]
+
+
+def _cell(found: tuple[float, float, float] | None) -> str:
+    if found is None:
+        return "-"
+    middle, low, high = (f"{value:.3g}" for value in found)
+    return middle if low == high else f"{middle} [{low}, {high}]"
+
+
+def table(result: Mapping[str, Any]) -> str:
+    """The table for a terminal."""
+    cells = list(rows(result))
+    widths = [max(len(row[k]) for row in cells) for k in range(len(cells[0]))]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
+    note = f"median [lowest, highest] over {len(result['seeds'])} seeds; force error: held-out trial simulated"
+    return "\n".join([*lines, note + "; told: seeds in which every parameter was found"])
+
+
+def error_against_time(results: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """Force error against processor time, a panel for each set of bounds, a line for each seed, a dot at its end."""
+    figure = Figure(figsize=(1.5 + 5.2 * len(results), 4.8), layout="constrained")
+    panels = figure.subplots(1, len(results), sharey=True, squeeze=False)[0]
+    for axis, (title, result) in zip(panels, results.items(), strict=True):
+        for method, runs in result["methods"].items():
+            for run in runs:
+                way = [(max(seconds, 0.1), mse) for seconds, mse in run["trace"] if mse]
+                if not way:
+                    continue
+                times, errors = zip(*way, strict=True)
+                axis.plot(times, errors, color=COLORS[method], lw=1.0, alpha=0.7, zorder=2)
+                axis.plot(times[-1], errors[-1], "o", color=COLORS[method], ms=6, zorder=3)
+        unit = readable(result["units"]["force_mse"])
+        axis.set(xscale="log", yscale="log", xlabel="processor time (s)", title=title)
+        axis.grid(True, which="major", color="#e8ecf1", zorder=0)
+    panels[0].set(ylabel=f"mean square error of the simulated force ({unit})")
+    shown = next(iter(results.values()))["methods"]
+    for method in shown:
+        panels[0].plot([], [], "o-", color=COLORS[method], label=LABELS[method])
+    figure.legend(loc="outside lower center", ncols=6, frameon=False, fontsize=9)
+    figure.suptitle("Identification of LuGre friction: a line for each seed, a dot where the estimator ends")
+    return figure

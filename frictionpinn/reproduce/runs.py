@@ -1,0 +1,93 @@
+"""Trainings and evaluations of a reproduction, each done once: a finished one is read from its folder."""
+
+from __future__ import annotations
+
+import json
+import logging
+import shutil
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ..workflow.build import Config
+from ..workflow.estimate import default_config
+from ..workflow.evaluate import evaluate
+from ..workflow.train import train
+
+T = TypeVar("T")
+R = TypeVar("R")
+QUIET = ("trainer.threads=1", "trainer.progress_bar=false", "trainer.accelerator=cpu")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One training and its evaluations.
+
+    Attributes:
+        folder: of the training; finished where it holds a ``result.json``.
+        overrides: of conf/train.yaml.
+        evaluations: overrides of conf/evaluate.yaml, a tuple for each evaluation.
+    """
+
+    folder: Path
+    overrides: tuple[str, ...]
+    evaluations: tuple[tuple[str, ...], ...] = ()
+
+
+def finish(run: Run) -> tuple[Config, list[Config]]:
+    """Train and evaluate what is not finished; return the result of the training and those of the evaluations.
+
+    A result counts as finished where its configuration is still the one that is wanted.
+    """
+    cfg = default_config([*run.overrides, *QUIET])
+    trained = _finished(run.folder / "result.json", cfg)
+    if trained is None:
+        shutil.rmtree(run.folder, ignore_errors=True)
+        run.folder.mkdir(parents=True)
+        train(cfg, run.folder)
+        trained = read(run.folder / "result.json")
+    return trained, [_evaluation(run, trained, overrides) for overrides in run.evaluations]
+
+
+def _evaluation(run: Run, trained: Config, overrides: Sequence[str]) -> Config:
+    cfg = default_config([f"run={run.folder}", *overrides], "evaluate")
+    system = (cfg.get("system") or {}).get("name", trained["system"])
+    folder = "evaluation" if system == trained["system"] else f"evaluation_{system}"
+    return _finished(run.folder / folder / "result.json", cfg) or evaluate(cfg)
+
+
+def _finished(path: Path, cfg: Config) -> Config | None:
+    """The result in a file; None where there is none, or where it was made with another configuration."""
+    found = read(path) if path.is_file() else None
+    return found if found is not None and found["config"] == json.loads(json.dumps(cfg)) else None
+
+
+def read(path: Path) -> Config:
+    """A result file as plain values."""
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def each(work: Callable[[T], R], items: Iterable[T], jobs: int) -> list[R]:
+    """[work(item), ...] in processes of their own where there is more than one job."""
+    tasks = list(items)
+    if jobs < 2 or len(tasks) < 2:
+        return [work(task) for task in tasks]
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=hush) as pool:
+        return list(pool.map(work, tasks))
+
+
+def hush() -> None:
+    """Messages of single trainings are of no use where dozens run."""
+    logging.getLogger("frictionpinn.workflow").setLevel(logging.WARNING)
+
+
+def by_seed(values: dict[int, float | None]) -> dict[str, Any]:
+    """Median over seeds and the values it comes from; ``failed`` counts the seeds without one."""
+    known = sorted(value for value in values.values() if value is not None)
+    middle = len(known) // 2
+    median = None if not known else known[middle] if len(known) % 2 else (known[middle - 1] + known[middle]) / 2
+    table = {str(seed): value for seed, value in values.items()}
+    return {"value": median, "by_seed": table, "failed": len(values) - len(known)}

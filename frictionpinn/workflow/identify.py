@@ -1,0 +1,205 @@
+"""Estimators beside each other: the same data, bounds, starts and simulator; parameters, time, simulations, force."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import UserError, choose
+from ..evaluate.estimators import error_against_time, table
+from ..evaluate.trajectory import Trajectory, simulate, simulation_error, squared
+from ..evaluate.yardsticks import Candidate, simulated_law
+from ..identify.result import Estimate, plain
+from ..physics import LAWS, System
+from ..physics.mechanism import Mechanism
+from .build import Config, build_data, build_system
+from .estimate import ESTIMATORS, estimate
+from .result import commit, versions, write_json
+from .train import quiet
+from .trajectories import build_trajectories, recorded_trajectories, transferred
+
+log = logging.getLogger(__name__)
+TRACED = 25  # points of a search's way whose force error is computed
+
+
+def identify(cfg: Config, folder: Path) -> dict[str, Any]:
+    """Estimate the parameters by every method and seed; write ``result.json`` and a figure, print the table.
+
+    Args:
+        cfg: resolved conf/identify.yaml.
+        folder: of this run.
+
+    Raises:
+        UserError: anything that the user can mend.
+    """
+    result = compare(cfg)
+    folder.mkdir(parents=True, exist_ok=True)
+    error_against_time({cfg["bounds"]["name"]: result}).savefig(folder / "error_against_time.png", dpi=120)
+    write_json(folder / "result.json", result | {"versions": versions(), "commit": commit(), "config": cfg})
+    log.info(table(result))
+    log.info(f"error_against_time.png and result.json are in {folder}")
+    return result
+
+
+def compare(cfg: Config) -> dict[str, Any]:
+    """Every method on every seed, in ``cfg["jobs"]`` processes.
+
+    Returns:
+        system, friction law, bounds, truth (where it is known), and for each method a list of one entry per seed with
+        parameters, wall and processor time in s, simulations of the whole recording, and the mean square error of the
+        friction force when the held-out trial is simulated with the estimate.
+    """
+    _check(cfg)
+    jobs = int(cfg["jobs"])
+    work = partial(one_seed, cfg)
+    if jobs > 1 and len(cfg["seeds"]) > 1:
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+            found = list(pool.map(work, cfg["seeds"]))
+    else:
+        found = [work(seed) for seed in cfg["seeds"]]
+    system, law = build_system(cfg["system"]), LAWS[cfg["friction"]["name"]]()
+    units = Mechanism(system, law).units
+    names = [par.name for par in LAWS["lugre" if law.name == "lugre_tied" else law.name].parameters if not par.value]
+    units |= Mechanism(system, LAWS["lugre"]()).units
+    return {
+        "system": system.name,
+        "friction": law.name,
+        "data": cfg["data"]["name"],
+        "noise": cfg["noise"],
+        "bounds": cfg["bounds"],
+        "seeds": cfg["seeds"],
+        "epochs": cfg["epochs"],
+        "most_simulations": cfg["simulations"],
+        "truth": cfg["data"].get("truth") if _knows_truth(cfg) else None,
+        "units": {name: units[name] for name in names} | {"force_mse": squared(system.force_unit)},
+        "methods": {method: [runs[method] for runs in found] for method in cfg["methods"]},
+    }
+
+
+def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
+    """Every method on one draw of the noise, the bounds and the start."""
+    quiet()
+    cfg = cfg | {"seed": seed}
+    system = build_system(cfg["system"])
+    mechanism = Mechanism(system, LAWS[cfg["friction"]["name"]]())
+    data = build_data(cfg, system)
+    recording = data.recording.select(data.splits["train"])
+    if cfg["data"]["name"] == "simulated":
+        trajectories = build_trajectories(transferred(cfg, None, None), system, data, {"seeds": []})
+    else:
+        trajectories = recorded_trajectories(cfg, system, data)
+    bounds = bounds_of(cfg, seed)
+    start = start_within(bounds, seed) if bounds else dict(_given(cfg["friction"]["start"]))
+    options: dict[str, Any] = {"bounds": bounds, "fixed": _given(cfg["friction"]["fixed"])}
+    options |= {"seed": seed, "epochs": cfg["epochs"]}
+    estimate("least_squares", mechanism, recording, start=start, simulations=2, **options)  # compiles the equations
+    simulations = np.inf if cfg["simulations"] is None else float(cfg["simulations"])
+    scorer = Scorer(system, mechanism.law.name, trajectories)
+    result = {}
+    for method in cfg["methods"]:
+        processor = time.process_time()
+        found = estimate(method, mechanism, recording, start=start, simulations=simulations, **options)
+        processor = time.process_time() - processor
+        result[method] = _entry(found, processor, scorer, start) | {"seed": seed, "start": start, "bounds": bounds}
+        log.info(f"seed {seed}, {method}: {found.seconds:.1f} s, {found.outcome}")
+    return result
+
+
+class Scorer:
+    """Mean square error of the force where a law with given parameters is simulated on trajectories."""
+
+    def __init__(self, system: System, law: str, trajectories: list[Trajectory]):
+        self.law, self.trajectories = law, trajectories
+        self.system = system
+
+    def __call__(self, values: Mapping[str, float]) -> float | None:
+        if not all(np.isfinite(value) for value in values.values()):
+            return None
+        candidate = Candidate("", simulate=simulated_law(self.system, self.law, values))
+        errors = [simulation_error(simulate(candidate, item), item) for item in self.trajectories]
+        if any("force_mse" not in error for error in errors):
+            return None
+        weights = [len(item.force) for item in self.trajectories]
+        return float(np.average([error["force_mse"]["value"] for error in errors], weights=weights))
+
+
+def _entry(found: Estimate, processor: float, scorer: Scorer, start: Mapping[str, float]) -> dict[str, Any]:
+    """What is kept of an estimate; ``trace``: processor time, s, and force error on the way, the start first."""
+    values = dict(found.values)
+    mse = scorer(values)
+    rows, places = found.details.get("trace") or [], found.details.get("path") or []
+    some: Any = np.unique(np.linspace(0, len(rows) - 1, TRACED).astype(int)) if rows else []
+    scale = processor / max(found.seconds, 1e-9)
+    trace = [[float(rows[k][0]) * scale, scorer(dict(zip(found.names, places[k], strict=True)))] for k in some]
+    if not trace and set(start) >= set(values):
+        trace = [[0.0, scorer({name: start[name] for name in values})]]
+    if "sigma_0" in values and "sigma_1" not in values and scorer.law == "lugre_tied":
+        values["sigma_1"] = float(np.sqrt(values["sigma_0"]))
+    return {
+        "outcome": found.outcome,
+        "values": {name: plain(value) for name, value in values.items()},
+        "seconds": round(found.seconds, 3),
+        "processor_seconds": round(processor, 3),
+        "simulations": found.n_simulations,
+        "force_mse": mse,
+        "trace": [*trace, [processor, mse]],
+    }
+
+
+def bounds_of(cfg: Config, seed: int) -> dict[str, list[float]]:
+    """Bounds by name: around the truth as ``bounds`` says, else (and before it) those of the friction law."""
+    spec, given = cfg["bounds"], _given(cfg["friction"]["bounds"])
+    if spec["low"] is None:
+        return given
+    names = [par.name for par in LAWS[cfg["friction"]["name"]].parameters if par.value is None]
+    truth = cfg["data"]["truth"]
+    moved = 10 ** np.random.default_rng([seed, 1]).uniform(-spec["shift"], spec["shift"], len(names))
+    return {
+        name: [float(truth[name] * spec["low"] * by), float(truth[name] * spec["high"] * by)]
+        for name, by in zip(names, moved, strict=True)
+    } | given
+
+
+def start_within(bounds: Mapping[str, list[float]], seed: int) -> dict[str, float]:
+    """A start for every bounded parameter, log-uniform; a static coefficient above the Coulomb one."""
+    rng = np.random.default_rng([seed, 2])
+    start = {name: float(np.exp(rng.uniform(*np.log(pair)))) for name, pair in bounds.items()}
+    if "mu_s" in start and "mu_c" in start:
+        start["mu_s"] = min(max(start["mu_s"], 1.05 * start["mu_c"]), bounds["mu_s"][1])
+        start["mu_c"] = min(start["mu_c"], start["mu_s"] / 1.01)
+    return start
+
+
+def _given(table: Mapping[str, Any] | None) -> dict[str, Any]:
+    return {name: value for name, value in (table or {}).items() if value is not None}
+
+
+def _knows_truth(cfg: Config) -> bool:
+    return cfg["data"]["name"] == "simulated" and cfg["data"]["friction"] in ("lugre", cfg["friction"]["name"])
+
+
+def _check(cfg: Config) -> None:
+    methods = cfg["methods"]
+    if not isinstance(methods, list) or not methods:
+        raise UserError("no estimators", where="methods", received=repr(methods), allowed=", ".join(ESTIMATORS))
+    for method in methods:
+        choose(method, dict.fromkeys(ESTIMATORS), "methods")
+    seeds = cfg["seeds"]
+    if not isinstance(seeds, list) or not seeds or any(not isinstance(s, int) or s < 0 for s in seeds):
+        raise UserError("impossible seeds", where="seeds", received=repr(seeds), allowed="a list such as [0, 1, 2]")
+    if cfg["bounds"]["low"] is not None and not _knows_truth(cfg):
+        raise UserError(
+            "bounds around a truth that is not known",
+            where="bounds",
+            received=f"{cfg['bounds']['name']} with data={cfg['data']['name']}",
+            allowed="bounds=data",
+            fix="add bounds=data, and friction.bounds where you know them",
+        )

@@ -1,0 +1,33 @@
+"""Compare estimators of friction parameters: ``python identify.py system=pob``; options: conf/identify.yaml."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import hydra
+from omegaconf import DictConfig, OmegaConf
+
+from frictionpinn.errors import UserError
+from frictionpinn.workflow import cli
+
+CONFIG = Path(__file__).resolve().parent / "conf"
+failures: list[BaseException] = []
+
+
+@hydra.main(config_path=str(CONFIG), config_name="identify", version_base="1.3")
+def main(cfg: DictConfig) -> None:
+    """Estimate by every method that the configuration names."""
+    from frictionpinn.workflow.identify import identify
+
+    folder = Path(hydra.core.hydra_config.HydraConfig.get().runtime.output_dir)
+    try:
+        identify(OmegaConf.to_container(cfg, resolve=True), folder)  # type: ignore[arg-type]
+    except UserError as error:
+        if cli.full_error():
+            raise
+        cli.fail(error)
+        failures.append(error)
+
+
+if __name__ == "__main__":
+    cli.run(main, CONFIG, "identify", failures)
