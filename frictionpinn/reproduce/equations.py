@@ -33,7 +33,7 @@ def run(options: Config, root: Path, results: Path, jobs: int) -> dict[str, Any]
                 row = {kind: methods[name].get(kind, {}).get("force_mse", {}).get("value") for kind in KINDS}
                 key = model if name == "model" else name
                 errors.setdefault(case, {}).setdefault(trajectory, {})[key] = row
-    return {"unit": "N^2", "errors": errors, "identified": {case: _identified(case, seed) for case in CASES}}
+    return {"unit": "N^2", "errors": errors, "identified": {case: identified(case, seed) for case in CASES}}
 
 
 def _run(cfg: Config, root: Path, case: str, model: str, seed: int) -> Run:
@@ -46,7 +46,7 @@ def _run(cfg: Config, root: Path, case: str, model: str, seed: int) -> Run:
     return Run(root / folder, overrides, ((f"seeds=[{seed}]", *cfg["evaluate"]),))
 
 
-def _identified(case: str, seed: int) -> dict[str, Any]:
+def identified(case: str, seed: int) -> dict[str, Any]:
     """Maximum-likelihood estimate, standard error and truth of every parameter."""
     believed, obeyed = CASES[case]
     config = default_config([f"system.equations={believed}", f"data.equations={obeyed}"])

@@ -43,7 +43,7 @@ def finish(run: Run) -> tuple[Config, list[Config]]:
     A result counts as finished where its configuration is still the one that is wanted.
     """
     cfg = default_config([*run.overrides, *QUIET])
-    trained = _finished(run.folder / "result.json", cfg)
+    trained = finished(run.folder / "result.json", cfg)
     if trained is None:
         shutil.rmtree(run.folder, ignore_errors=True)
         run.folder.mkdir(parents=True)
@@ -56,10 +56,10 @@ def _evaluation(run: Run, trained: Config, overrides: Sequence[str]) -> Config:
     cfg = default_config([f"run={run.folder}", *overrides], "evaluate")
     system = (cfg.get("system") or {}).get("name", trained["system"])
     folder = "evaluation" if system == trained["system"] else f"evaluation_{system}"
-    return _finished(run.folder / folder / "result.json", cfg) or evaluate(cfg)
+    return finished(run.folder / folder / "result.json", cfg) or evaluate(cfg)
 
 
-def _finished(path: Path, cfg: Config) -> Config | None:
+def finished(path: Path, cfg: Config) -> Config | None:
     """The result in a file; None where there is none, or where it was made with another configuration."""
     found = read(path) if path.is_file() else None
     return found if found is not None and found["config"] == json.loads(json.dumps(cfg)) else None

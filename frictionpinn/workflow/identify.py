@@ -102,7 +102,7 @@ def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
     options |= {"seed": seed, "epochs": cfg["epochs"]}
     estimate("least_squares", mechanism, recording, start=start, simulations=2, **options)  # compiles the equations
     simulations = np.inf if cfg["simulations"] is None else float(cfg["simulations"])
-    scorer = Scorer(system, mechanism.law.name, trajectories)
+    scorer = Scorer(system, mechanism.law.name, options["fixed"], trajectories)
     result = {}
     for method in cfg["methods"]:
         processor = time.process_time()
@@ -116,14 +116,14 @@ def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
 class Scorer:
     """Mean square error of the force where a law with given parameters is simulated on trajectories."""
 
-    def __init__(self, system: System, law: str, trajectories: list[Trajectory]):
-        self.law, self.trajectories = law, trajectories
+    def __init__(self, system: System, law: str, fixed: Mapping[str, float], trajectories: list[Trajectory]):
+        self.law, self.fixed, self.trajectories = law, dict(fixed), trajectories
         self.system = system
 
     def __call__(self, values: Mapping[str, float]) -> float | None:
         if not all(np.isfinite(value) for value in values.values()):
             return None
-        candidate = Candidate("", simulate=simulated_law(self.system, self.law, values))
+        candidate = Candidate("", simulate=simulated_law(self.system, self.law, self.fixed | dict(values)))
         errors = [simulation_error(simulate(candidate, item), item) for item in self.trajectories]
         if any("force_mse" not in error for error in errors):
             return None

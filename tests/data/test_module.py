@@ -158,3 +158,12 @@ def test_clean_signals_give_back_the_true_force_and_contact():
 def test_backward_difference_is_causal_and_exact_on_lines():
     t = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 20))
     np.testing.assert_allclose(backward_difference(t, 2 + 3 * t), np.full(20, 3.0))
+
+
+def test_fewer_training_trials_are_spread_over_those_there_are():
+    names = list("abcdef")
+    assert split_trials(names, None, training=2)["train"] == ["b", "d"]
+    assert split_trials(names, ["a"], training=1) == {"train": ["d"], "validation": [], "held_out": ["a"]}
+    for count in (0, 6, True, 2.5):
+        with pytest.raises(UserError, match="1 to 5"):
+            split_trials(names, None, training=count)

@@ -1,0 +1,100 @@
+"""Estimators beside each other: one draw for all, the published protocol, measured data, mistakes in one line."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from frictionpinn.errors import UserError
+from frictionpinn.evaluate.estimators import rows, table
+from frictionpinn.workflow.estimate import default_config
+from frictionpinn.workflow.identify import bounds_of, identify, start_within
+
+DRIVE = [
+    "system=drive",
+    "data.rate_hz=200",
+    "data.trials=[{duration: 2.0, force: '5*sin(2*pi*t)'}, {duration: 2.0, force: '8*sin(3*pi*t)'}]",
+    "data.held_out=[2]",
+    "noise.level=0.02",
+    "epochs=20",
+    "simulations=40",
+]
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory) -> dict:
+    folder = tmp_path_factory.mktemp("identify")
+    methods = "methods=[maximum_likelihood,pe1,least_squares,nelder_mead,genetic]"
+    result = identify(default_config([*DRIVE, methods, "bounds=near", "friction=lugre_tied"], "identify"), folder)
+    assert json.loads((folder / "result.json").read_text())["methods"] == json.loads(json.dumps(result["methods"]))
+    assert (folder / "error_against_time.png").stat().st_size > 10_000
+    return result
+
+
+def test_every_estimator_has_the_same_bounds_and_start(compared):
+    runs = [entry for runs in compared["methods"].values() for entry in runs]
+    assert all(run["bounds"] == runs[0]["bounds"] and run["start"] == runs[0]["start"] for run in runs)
+    for name, (low, high) in runs[0]["bounds"].items():
+        assert low == pytest.approx(0.8 * compared["truth"][name]) and low <= runs[0]["start"][name] <= high
+
+
+def test_the_tie_gives_the_damping_from_the_stiffness(compared):
+    for runs in compared["methods"].values():
+        values = runs[0]["values"]
+        assert values["sigma_1"] == pytest.approx(math.sqrt(values["sigma_0"]))
+
+
+def test_the_way_of_a_search_ends_at_its_estimate(compared):
+    for method, (run,) in compared["methods"].items():
+        times, errors = zip(*run["trace"], strict=True)
+        assert list(times) == sorted(times) and errors[-1] == run["force_mse"], method
+    likely = compared["methods"]["maximum_likelihood"][0]
+    assert likely["force_mse"] < 0.01 and likely["simulations"] > 0
+
+
+def test_the_table_names_units_estimators_and_the_truth(compared):
+    told = table(compared)
+    assert "sigma_0 (N/m)" in told and "maximum likelihood" in told and told.count("\n") == 7
+    cells = list(rows(compared))
+    assert cells[-1][0] == "truth" and float(cells[-1][1]) == compared["truth"]["sigma_0"]
+
+
+def test_a_decade_of_bounds_holds_the_truth_somewhere_else_for_every_seed():
+    cfg = default_config(["bounds=decade"], "identify")
+    truth, places = cfg["data"]["truth"], []
+    for seed in range(20):
+        bounds = bounds_of(cfg, seed)
+        start = start_within(bounds, seed)
+        assert start["mu_s"] > start["mu_c"]
+        for name, (low, high) in bounds.items():
+            assert high / low == pytest.approx(10) and low < truth[name] < high
+            assert low <= start[name] <= high or name == "mu_c"
+        places.append(math.log10(truth["sigma_0"] / bounds["sigma_0"][0]))
+    assert np.ptp(places) > 0.3
+
+
+def test_a_recording_of_ones_own_is_identified_without_a_truth(csv, tmp_path):
+    options = ["data=csv", f"data.path={csv()}", "bounds=data", "methods=[maximum_likelihood]"]
+    options += ["friction.fixed.mu_s=0.6", "friction.fixed.v_s=1e-3"]
+    result = identify(default_config(options, "identify"), tmp_path)
+    (run,) = result["methods"]["maximum_likelihood"]
+    assert result["truth"] is None and run["values"]["mu_c"] == pytest.approx(0.3, rel=0.1)
+    assert run["force_mse"] > 0 and run["start"] == {}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (["methods=[nelder_meed]"], "did you mean 'nelder_mead'"),
+        (["methods=[]"], "no estimators"),
+        (["seeds=[]"], "impossible seeds"),
+        (["data=csv", "data.path=run.csv"], "add bounds=data"),
+    ],
+)
+def test_a_mistake_is_told_in_one_line(wrong, told, tmp_path):
+    with pytest.raises(UserError, match=told) as caught:
+        identify(default_config(wrong, "identify"), tmp_path)
+    assert "\n" not in str(caught.value)
