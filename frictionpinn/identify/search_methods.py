@@ -21,6 +21,10 @@ from .solve import Solution
 NO_MODEL = 1e12  # cost of parameters at which the mechanism cannot be simulated
 
 
+class OutOfBudget(Exception):
+    """No simulation is left. Not a StopIteration: scipy maps over steps, and a map that meets one ends silently."""
+
+
 @dataclass
 class Objective:
     """Cost of a parameter vector u, counted, with the best so far over time.
@@ -60,7 +64,7 @@ class Objective:
         cost = NO_MODEL if state is None else state.cost
         self._note(u, cost)
         if self.count >= self.budget:
-            raise StopIteration
+            raise OutOfBudget
         return cost
 
     def residuals(self, u: np.ndarray) -> np.ndarray:
@@ -76,7 +80,7 @@ class Objective:
         ]
         self._note(u, state.cost)
         if self.count >= self.budget:
-            raise StopIteration
+            raise OutOfBudget
         return np.concatenate(parts)
 
 
@@ -154,7 +158,7 @@ def search(
     u = problem.space.to_search(np.array([values[name] for name in problem.names], dtype=float))
     try:
         done = METHODS[method](objective, u, seed)
-    except StopIteration:
+    except OutOfBudget:
         done = False
     seconds = time.perf_counter() - objective.began
     state = None if objective.u is None else objective.state(objective.u, derivatives=True)

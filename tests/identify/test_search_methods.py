@@ -50,3 +50,12 @@ def test_a_search_that_runs_out_of_simulations_says_so(problem):
 def test_the_genetic_algorithm_is_reproducible(problem):
     first, second = (search("genetic", problem, seed=3, simulations=300) for _ in range(2))
     assert first.values == second.values
+
+
+@pytest.mark.parametrize("simulations", [2, 3])
+def test_least_squares_that_runs_out_within_its_differences_keeps_the_start(problem, simulations):
+    start = {"mu_c": 4.5, "sigma_2": 1.0}
+    estimate = search("least_squares", problem, start=start, simulations=simulations)
+    assert estimate.outcome == STOPPED
+    for name, value in start.items():
+        assert estimate.values[name] == pytest.approx(value, rel=1e-3)
