@@ -2,12 +2,13 @@
 # make install  virtual environment in .venv with the pinned packages
 # make check    lint, format and types
 # make test     make check, then the test suite
+# make paper    every table and figure of the paper, ours beside theirs: docs/paper.md (under 20 minutes on two cores)
 # make bench    every benchmark, one after another
 # make clean    remove .venv and the caches; outputs/ stays
 
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := run
-.PHONY: run install check test bench clean
+.PHONY: run install check test paper bench clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -43,6 +44,9 @@ check: $(STAMP)
 
 test: check
 	$(BIN)/python -m pytest -n 2
+
+paper: $(STAMP)
+	$(BIN)/python reproduce.py
 
 bench: $(STAMP)
 	@set -e; for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python "$$file"; done

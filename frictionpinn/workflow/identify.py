@@ -16,9 +16,10 @@ import numpy as np
 from ..errors import UserError, choose
 from ..evaluate.estimators import error_against_time, table
 from ..evaluate.trajectory import Trajectory, simulate, simulation_error, squared
-from ..evaluate.yardsticks import Candidate, simulated_law
+from ..evaluate.yardsticks import Candidate
 from ..identify.result import Estimate, plain
-from ..physics import LAWS, System
+from ..numerics.simulate import Simulator
+from ..physics import LAWS
 from ..physics.mechanism import Mechanism
 from .build import Config, build_data, build_system
 from .estimate import ESTIMATORS, estimate
@@ -27,7 +28,7 @@ from .train import quiet
 from .trajectories import build_trajectories, recorded_trajectories, transferred
 
 log = logging.getLogger(__name__)
-TRACED = 25  # points of a search's way whose force error is computed
+TRACED = 15  # points of a search's way whose force error is computed
 
 
 def identify(cfg: Config, folder: Path) -> dict[str, Any]:
@@ -102,7 +103,7 @@ def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
     options |= {"seed": seed, "epochs": cfg["epochs"]}
     estimate("least_squares", mechanism, recording, start=start, simulations=2, **options)  # compiles the equations
     simulations = np.inf if cfg["simulations"] is None else float(cfg["simulations"])
-    scorer = Scorer(system, mechanism.law.name, options["fixed"], trajectories)
+    scorer = Scorer(mechanism, options["fixed"], trajectories)
     result = {}
     for method in cfg["methods"]:
         processor = time.process_time()
@@ -116,14 +117,16 @@ def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
 class Scorer:
     """Mean square error of the force where a law with given parameters is simulated on trajectories."""
 
-    def __init__(self, system: System, law: str, fixed: Mapping[str, float], trajectories: list[Trajectory]):
-        self.law, self.fixed, self.trajectories = law, dict(fixed), trajectories
-        self.system = system
+    def __init__(self, mechanism: Mechanism, fixed: Mapping[str, float], trajectories: list[Trajectory]):
+        self.law, self.fixed, self.trajectories = mechanism.law.name, dict(fixed), trajectories
+        self.simulator = Simulator(mechanism)
 
     def __call__(self, values: Mapping[str, float]) -> float | None:
+        """None where a value is missing or the mechanism cannot be simulated."""
         if not all(np.isfinite(value) for value in values.values()):
             return None
-        candidate = Candidate("", simulate=simulated_law(self.system, self.law, self.fixed | dict(values)))
+        p = self.fixed | dict(values)
+        candidate = Candidate("", simulate=lambda path, y0: self.simulator.simulate(path.t, path, p, y0, z0="steady"))
         errors = [simulation_error(simulate(candidate, item), item) for item in self.trajectories]
         if any("force_mse" not in error for error in errors):
             return None
