@@ -12,6 +12,7 @@ import argparse
 import os
 import platform
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,14 +45,19 @@ def bounds_for(truth: dict[str, float], seed: int) -> dict[str, tuple[float, flo
 
 def cost_from_truth(problem: Problem, truth: dict[str, float], sigmas: dict[str, float]) -> float:
     """Cost of the fit that starts at the truth."""
-    u = problem.space.to_search(np.array([truth[name] for name in problem.names]))
+    p = np.array([truth[name] for name in problem.names])
+    space = problem.space  # whose default bounds may exclude the truth
+    problem.space = replace(space, low=np.minimum(space.low, p), high=np.maximum(space.high, p))
+    u = problem.space.to_search(p)
     models = with_bristle(problem, u)
 
     def evaluate(u, locals_, derivatives):
         return problem.evaluate(models, u, locals_, derivatives, sigmas=sigmas)
 
     first = evaluate(u, [model.local for model in models], True)
-    return levenberg_marquardt(evaluate, first, problem.space.limits, iterations=30).state.cost
+    found = levenberg_marquardt(evaluate, first, problem.space.limits, iterations=30)
+    problem.space = space
+    return found.state.cost
 
 
 def study(seeds: int, start: int = 0) -> list[str]:

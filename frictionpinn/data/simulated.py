@@ -39,16 +39,28 @@ def simulate_recording(
     Raises:
         UserError: an unknown signal, a missing path, parameters out of range, contact lost.
     """
-    if not rate_hz > 0:
-        raise UserError("impossible sampling rate", where="data.rate_hz", received=rate_hz, allowed="above 0 Hz")
     law = choose(friction, LAWS, "data.friction")()
     check_truth(law, truth)
-    mechanism = Mechanism(system, law)
-    simulator = Simulator(mechanism)
+    return simulate_trials(Mechanism(system, law), truth, trials, rate_hz)
+
+
+def simulate_trials(
+    mechanism: Mechanism, p: Mapping[str, float], trials: Sequence[Mapping[str, Any]], rate_hz: float
+) -> Recording:
+    """Simulate trials of a mechanism with its effects: as :func:`simulate_recording`, the signals as sensors show them.
+
+    Args:
+        mechanism: system, friction law and effects.
+        p: parameters by name, SI units; those of the system and the effects have defaults.
+        trials, rate_hz: as in :func:`simulate_recording`.
+    """
+    if not rate_hz > 0:
+        raise UserError("impossible sampling rate", where="data.rate_hz", received=rate_hz, allowed="above 0 Hz")
+    simulator, system = Simulator(mechanism), mechanism.system
     if not trials or not all(isinstance(trial, Mapping) for trial in trials):
         allowed = "a list of tables such as [{duration: 2.0, theta: 'sin(t)'}]"
         raise UserError("no trials to simulate", where="data.trials", received=trials, allowed=allowed)
-    result = [_trial(simulator, dict(truth), trial, k, rate_hz) for k, trial in enumerate(trials)]
+    result = [_trial(simulator, dict(p), trial, k, rate_hz) for k, trial in enumerate(trials)]
     names = [trial.name for trial in result]
     if len(set(names)) < len(names):
         raise UserError("two trials of one name", where="data.trials", received=", ".join(names), fix="name each once")
@@ -126,7 +138,7 @@ def _trial(simulator: Simulator, truth: dict[str, float], spec: Mapping[str, Any
         "z": run.z,
         "z_rate": run.zdot,
     }
-    if mechanism.system.massless:  # the measured force of a test bench is the friction force
+    if mechanism.system.massless and not mechanism.effects:  # the measured force of a test bench is the friction force
         signals[inputs[0]] = run.F
     return Trial(str(spec.get("name", k + 1)), t, signals, truth_signals)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..data.recording import Recording
-from ..data.simulated import simulate_recording
+from ..data.simulated import simulate_trials
 from ..errors import UserError
 from ..numerics.simulate import ContactLost, SimulationFailed
 from ..physics.mechanism import Mechanism
@@ -44,7 +44,19 @@ class Bound:
     def relative(self) -> dict[str, float]:
         """name -> least standard error over the value."""
         deviations = np.sqrt(np.diag(self.covariance))
-        return {name: float(s) / abs(self.values[name]) for name, s in zip(self.names, deviations, strict=True)}
+        return {
+            name: float(s) / abs(self.values[name]) if self.values[name] else np.inf
+            for name, s in zip(self.names, deviations.tolist(), strict=True)
+        }
+
+    def __str__(self) -> str:
+        width = max(map(len, self.names))
+        deviations = np.sqrt(np.diag(self.covariance)).tolist()
+        lines = ["least standard errors of any unbiased estimator"]
+        for (name, value), s in zip(self.values.items(), deviations, strict=True):
+            share = f" ({100 * s / abs(value):.2g} %)" if value and np.isfinite(s) else ""
+            lines.append(f"  {name:{width}s} {value:.6g} +- {s:.3g}{share}")
+        return "\n".join([*lines, *("  " + sentence for sentence in self.advice)])
 
     @property
     def correlation(self) -> np.ndarray:
@@ -54,7 +66,7 @@ class Bound:
     @property
     def advice(self) -> tuple[str, ...]:
         """Sentences on what these data cannot tell or not separate."""
-        hidden = [name for name, s in self.relative.items() if not np.isfinite(s)]
+        hidden = [name for name, s in zip(self.names, np.diag(self.covariance), strict=True) if not np.isfinite(s)]
         told = [f"{name} does not show in these data: {HINTS.get(name, 'vary the excitation')}" for name in hidden]
         return (*told, *sentences(self.names, np.nan_to_num(self.correlation), HINTS))
 
@@ -94,9 +106,10 @@ def bound(
 
 def bound_of(problem: Problem, values: Mapping[str, float]) -> Bound:
     """Cramer-Rao bound of a problem at parameter values, see :func:`bound`."""
-    missing = [name for name in problem.names if name not in values]
-    if missing:
-        raise UserError("parameter without a value", where="values", received=", ".join(values), allowed=missing[0])
+    for name in problem.names:
+        if not np.isfinite(values.get(name, np.nan)):
+            raise UserError("parameter without a value", where=f"values.{name}", received=values.get(name),
+                            fix="give the value at which to plan, or hold it: fixed={name: value}")  # fmt: skip
     p = np.array([float(values[name]) for name in problem.names])
     space = replace(problem.space, low=np.minimum(problem.space.low, p), high=np.maximum(problem.space.high, p))
     problem.space, u = space, space.to_search(p)
@@ -126,6 +139,10 @@ class Ranked:
     relative: dict[str, float]
     gain: float
     failure: str = ""
+
+    def __str__(self) -> str:
+        told = ", ".join(f"{name} {100 * s:.2g} %" for name, s in self.relative.items())
+        return f"{dict(self.candidate)}: " + (self.failure or f"gain {self.gain:.2f}; {told}")
 
 
 def rank_experiments(
@@ -161,12 +178,10 @@ def rank_experiments(
     base = None
     if present is not None:
         base = bound(mechanism, present, values, sigmas=sigmas, inputs=inputs, **options)
-    law, ranked = [par.name for par in mechanism.law.parameters], []
+    ranked, own_values = [], dict(options.get("fixed") or {}) | dict(values)
     for candidate in candidates:
         try:
-            truth = {name: value for name, value in values.items() if name in law}
-            system = _with(mechanism, values)
-            recording = simulate_recording(system, mechanism.law.name, truth, [candidate], rate_hz)
+            recording = simulate_trials(mechanism, own_values, [candidate], rate_hz)
             own = bound(mechanism, recording, values, sigmas=sigmas, inputs=inputs, **options)
         except (ContactLost, SimulationFailed) as error:
             ranked.append(Ranked(candidate, {}, 0.0, str(error)))
@@ -189,13 +204,3 @@ def _ranked(candidate: Mapping[str, Any], own: Bound, base: Bound | None) -> Ran
     with np.errstate(divide="ignore"):
         volumes = [np.linalg.slogdet(M + 1e-9 * np.eye(len(u)))[1] for M in (before, total.information)]
     return Ranked(candidate, total.relative, float(np.exp((volumes[1] - volumes[0]) / 2 / len(u))))
-
-
-def _with(mechanism: Mechanism, values: Mapping[str, float]):
-    """The system with the values' parameters."""
-    own = {par.name for par in mechanism.system.parameters} & set(values)
-    if not own:
-        return mechanism.system
-    system = mechanism.system
-    given: Any = {**system.values, **{name: float(values[name]) for name in own}}
-    return type(system)(system.equations, system.driven, **given)

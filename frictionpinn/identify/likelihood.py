@@ -20,6 +20,7 @@ from .solve import Evaluate, Solution, State, levenberg_marquardt
 from .start import coarse_design, ridge_grid, search
 from .trial import TrialModel
 
+MOST_WINDOWS = 80  # that the search for a start simulates
 RIVAL = 15.0  # log-likelihood: a start that is worse by more is not tried on the whole trials
 ELSEWHERE = 0.1  # in log u: starts that are closer are the same
 ROUGH = {"rtol": 1e-4, "atol": 1e-5}  # tolerances over windows: errors of 1e-5 m/s are far below any noise
@@ -31,7 +32,11 @@ NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative 
 
 def _windows(problem: Problem) -> tuple[TrialModel, ...]:
     mu_c = (problem.fixed | problem.start).get("mu_c")
-    return tuple(window for motion in problem.motions for window in motion.windows(mu_c))
+    windows = [window for motion in problem.motions for window in motion.windows(mu_c)]
+    if len(windows) > MOST_WINDOWS:  # enough for a start, however long the recording
+        chosen = np.random.default_rng(0).choice(len(windows), MOST_WINDOWS, replace=False)
+        windows = [windows[k] for k in sorted(chosen)]
+    return tuple(windows)
 
 
 def _evaluator(problem: Problem, models: Sequence[TrialModel], joint: bool, sigmas: Mapping[str, float] | None = None):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import UserError
+from .advice import invert
 from .likelihood import _evaluator
 from .problem import Problem
 from .result import Estimate
@@ -32,6 +33,11 @@ class Profile:
     values: np.ndarray
     cost: np.ndarray
     ci95: tuple[float, float]
+
+    def __str__(self) -> str:
+        low, high = self.ci95
+        rows = "\n".join(f"  {v:.5g} {c:.2f}" for v, c in zip(self.values, self.cost, strict=True))
+        return f"{self.name} in [{low:.4g}, {high:.4g}] {self.unit} (95 %); value, rise of the cost:\n{rows}"
 
 
 def profile(problem: Problem, estimate: Estimate, name: str, step: float = 0.7) -> Profile:
@@ -80,13 +86,13 @@ def profile(problem: Problem, estimate: Estimate, name: str, step: float = 0.7) 
 
 def _curvature(state: State, i: int) -> float:
     S = reduced(state)[0]
-    return 1 / max(float(np.linalg.inv(S)[i, i]), 1e-300)
+    return 1 / max(float(invert(S)[i, i]), 1e-300)
 
 
 def _conditional(evaluate, state: State, i: int, target: float, limits) -> State | None:
     """The best fit with unknown i held, from the neighbouring one moved along its conditional optimum."""
     S, _, back = reduced(state)
-    covariance = np.linalg.inv(S)
+    covariance = invert(S)
     du = covariance[:, i] / covariance[i, i] * (target - state.u[i])
     u = np.clip(state.u + du, *limits)
     locals_ = [x if X is None else x - X[:, : len(u)] @ (u - state.u) for x, X in zip(state.locals, back, strict=True)]

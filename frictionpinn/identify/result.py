@@ -114,8 +114,8 @@ def interval(value: float, std: float, positive: bool, z: float = 1.959964) -> t
         return (math.nan, math.nan)
     if positive and value > 0:
         reach = math.exp(min(z * std / value, 700.0))
-        return (value / reach, value * reach)
-    return (value - z * std, value + z * std)
+        return (float(value / reach), float(value * reach))
+    return (float(value - z * std), float(value + z * std))
 
 
 def sentences(names: tuple[str, ...], correlation: np.ndarray, hints: Mapping[str, str], limit: float = 0.95):

@@ -6,7 +6,7 @@ import sympy as sp
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.recording import Recording, Trial
-from frictionpinn.identify import Problem, bound, maximum_likelihood
+from frictionpinn.identify import Problem, bound, maximum_likelihood, rank_experiments
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.physics import LAWS, SYSTEMS
@@ -135,3 +135,23 @@ def test_a_motion_too_rough_for_a_spline_is_taken_as_measured_and_said():
     rough = Trial("rough", times, {"x": x, "v": v, "a": np.gradient(v, times), "force": 1e4 * np.tanh(v / 1e-3)})
     estimate = maximum_likelihood(Mechanism(mechanism.system, LAWS["coulomb"]()), Recording((rough,), {}))
     assert any("as measured" in sentence for sentence in estimate.advice)
+
+
+def test_an_experiment_is_planned_for_the_strength_of_an_effect():
+    mechanism, truth, _ = recorded("drive")
+    levels = {"x": 1e-4, "v": 1e-3, "a": 0.05, "force": 0.5}
+    candidates = [{"duration": 2.0, "force": "25*sin(2*pi*t)"}, {"duration": 2.0, "force": "90*sin(2*pi*t)"}]
+    ranked = rank_experiments(
+        mechanism, truth, candidates, rate_hz=100.0, sigmas=levels, target="sigma_2", free=("mu_c", "sigma_2"),
+        fixed={k: v for k, v in truth.items() if k not in ("mu_c", "sigma_2")},
+    )  # fmt: skip
+    assert ranked[0].candidate == candidates[1]  # faster sliding tells viscous friction
+    assert "gain" in str(ranked[0])
+
+
+def test_the_strength_that_is_zero_has_a_bound_in_its_own_unit():
+    mechanism, truth, noisy = recorded("pendulum")
+    found = bound(mechanism, noisy, truth | {"drag": 0.0}, free=("mu_c", "drag"), fixed=truth)
+    assert found.relative["drag"] == np.inf
+    assert 0 < found.covariance[1, 1] ** 0.5 < 0.01
+    assert "drag" in str(found)
