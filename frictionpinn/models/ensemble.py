@@ -18,7 +18,10 @@ from .optimizers import build_optimizer
 from .parameter_estimator import ParameterEstimator
 
 _ALONE = ("adam_plateau", "adam_lbfgs")  # their steps depend on the loss of one training
-_CHUNK_CPU = 1  # members at once: one member's activations fit a core's cache, several do not (benchmarks/ensemble.py)
+# On a CPU, members go through vmap a few at a time where their activations (samples times width) are small: there the
+# cost of an operation's call counts. Larger ones go one by one through plain autograd, whose matrix products are the
+# faster ones and whose activations stay in the cache (benchmarks/ensemble.py).
+_SMALL, _CHUNK = 32_000, 4
 
 
 class FrictionEnsemble(FrictionModel):
@@ -110,7 +113,7 @@ class FrictionEnsemble(FrictionModel):
                 {key: value[part].detach() for key, value in table.items()} for table in (weights, rest, numbers)
             )
             data = batch if shared else {key: value[part] for key, value in batch.items()}
-            found.append(self._gradient(own, fixed, given, data))
+            found.append((self._alone if step == 1 else self._gradient)(own, fixed, given, data))
         self._gradients = {key: torch.cat([item[0][key] for item in found]) for key in weights}
         self.member_parts = {key: torch.cat([item[1][key] for item in found]) for key in found[0][1]}
         self.parts = {key: value.mean() for key, value in self.member_parts.items()}
@@ -128,6 +131,17 @@ class FrictionEnsemble(FrictionModel):
         gradients, (_, parts) = vmap(one, in_dims=dims)(weights, rest, numbers, batch)
         return gradients, parts
 
+    def _alone(self, weights: dict, rest: dict, numbers: dict, batch: Batch) -> tuple[dict, dict]:
+        """As :meth:`_gradient`, of tables of one member, by plain autograd."""
+        own, fixed, given = ({key: value[0] for key, value in table.items()} for table in (weights, rest, numbers))
+        data = batch if batch["x"].dim() == 2 else {key: value[0] for key, value in batch.items()}
+        leaves = {key: value.requires_grad_() for key, value in own.items()}
+        with torch.enable_grad():
+            parts = self._call(FrictionModel.losses, leaves, fixed, given, data)
+            gradients = torch.autograd.grad(parts["loss"], list(leaves.values()))
+        table = {key: value[None] for key, value in zip(leaves, gradients, strict=True)}
+        return table, {key: value.detach()[None] for key, value in parts.items()}
+
     def backward(self, loss: Tensor, *args: Any, **kwargs: Any) -> None:
         """The gradients are known already."""
         for key, parameter in self._table("weight").items():
@@ -135,7 +149,10 @@ class FrictionEnsemble(FrictionModel):
 
     def chunk(self, batch: Batch) -> int:
         """Members that go through the program at once."""
-        return _CHUNK_CPU if batch["x"].device.type == "cpu" else self.size
+        if batch["x"].device.type != "cpu":
+            return self.size
+        activations = batch["x"].shape[-2] * int(self.hparams["network"]["width"])
+        return min(_CHUNK, self.size) if activations <= _SMALL else 1
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         losses = self.each(FrictionModel.losses, batch)["loss"]
