@@ -15,7 +15,11 @@ from .functions import ACTIVATIONS, bristle, c_statements, capacity_rate
 from .portable import PortableModel
 
 _TEMPLATES = Path(__file__).parent / "templates"
-_SIGNAL_TEXT = {"v_slip": "slip velocity", "normal_force": "normal force", "a_frictionless": "if no friction acted"}
+_SIGNAL_TEXT = {
+    "v_slip": "slip velocity",
+    "normal_force": "normal force",
+    "a_frictionless": "slip acceleration without friction",
+}
 
 
 def fill(template: str, **values: object) -> str:
@@ -37,7 +41,7 @@ def write_c(folder: Path, portable: PortableModel) -> list[str]:
     header += fill("network.h", **network, **_header_places(portable))
     source += fill("network.c", **network, **_source_places(portable))
     files = {
-        "friction.h": _header(portable.title, portable.system, f"{portable.interval!r}", header),
+        "friction.h": _header(portable.title, portable.system, header),
         "friction.c": f'#include "friction.h"\n\n#include <math.h>\n{source}',
         "simulate.c": simulate_source(portable),
     }
@@ -46,7 +50,7 @@ def write_c(folder: Path, portable: PortableModel) -> list[str]:
 
 def write_law_c(folder: Path, law: FrictionLaw, values: Mapping[str, float], system: System) -> list[str]:
     """Write ``friction.h`` and ``friction.c`` of a law alone, with these parameters (SI units)."""
-    header = _header(f"{law.name} friction", system, "1.0", _law_header(law, system))
+    header = _header(f"{law.name} friction", system, _law_header(law, system))
     source = f'#include "friction.h"\n\n#include <math.h>\n{_law_source(law, values)}'
     return _write(folder, {"friction.h": header, "friction.c": source})
 
@@ -58,9 +62,9 @@ def _write(folder: Path, files: Mapping[str, str | None]) -> list[str]:
     return [name for name, text in files.items() if text is not None]
 
 
-def _header(title: str, system: System, interval: str, parts: str) -> str:
+def _header(title: str, system: System, parts: str) -> str:
     units = {"force": system.force_unit, "slip": system.slip_unit}
-    return fill("friction.h", title=title, version=__version__, interval=interval, law=parts, network="", **units)
+    return fill("friction.h", title=title, version=__version__, parts=parts, **units)
 
 
 # the law ------------------------------------------------------------------------------------------------------
@@ -107,8 +111,13 @@ def _fields(portable: PortableModel) -> list[tuple[str, str]]:
 
 def _header_places(portable: PortableModel) -> dict[str, object]:
     fields = [f"    double {name}; /* {text} */" for name, text in _fields(portable)]
-    counts = {"count": len(portable.signals), "kept": len(fields)}
-    return {"fields": "\n".join(fields), "length": portable.length, **counts}
+    return {
+        "fields": "\n".join(fields),
+        "length": portable.length,
+        "interval": repr(portable.interval),
+        "count": len(portable.signals),
+        "kept": len(fields),
+    }
 
 
 def _source_places(portable: PortableModel) -> dict[str, object]:

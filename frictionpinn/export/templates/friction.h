@@ -3,8 +3,5 @@
  * Units: force $force, slip $slip, time s. The friction force opposes positive slip velocity. */
 #ifndef FRICTION_H
 #define FRICTION_H
-
-/* Time between the samples that the network was trained on, s. */
-#define FRICTION_INTERVAL $interval
-$law$network
+$parts
 #endif

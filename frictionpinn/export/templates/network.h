@@ -1,11 +1,12 @@
 
 /* ---- the network $name ---- */
+#define FRICTION_INTERVAL $interval /* s, between the samples that it was trained on */
 #define FRICTION_SAMPLES $length /* that its longest window sees */
 #define FRICTION_SIGNALS $count
 #ifndef FRICTION_STRIDE
 #define FRICTION_STRIDE 1 /* calls per FRICTION_INTERVAL; define it to call more often than the network was trained */
 #endif
-#define FRICTION_KEPT ($length > 1 ? ($length - 1) * FRICTION_STRIDE : 1)
+#define FRICTION_KEPT (FRICTION_SAMPLES > 1 ? (FRICTION_SAMPLES - 1) * FRICTION_STRIDE : 1)
 
 /* What the network sees at one instant. */
 typedef struct {
