@@ -33,7 +33,7 @@ from frictionpinn.workflow.load import load_run
 
 ROOT = Path(__file__).resolve().parents[1]
 STRIDES = {"law": 16, "network": 4}  # C: steps per sample
-MUJOCO_STRIDE = 10  # 0.25 ms
+MUJOCO_STRIDE = 20  # steps per sample, as in the exported pob.xml
 
 
 def swings(system, seconds: float) -> dict[str, InputPath]:
