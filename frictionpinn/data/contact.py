@@ -25,6 +25,8 @@ class ContactTrial:
         online: the same from signals that were filtered causally: what a controller has at that instant.
         rates: time derivatives of the ``BASE`` signals of ``online``, by backward differences.
         truth: noise-free values of simulated data, for scoring alone.
+        measured: the recorded signals as they are.
+        smoothed: the recorded signals smoothed in both directions, what was not measured derived.
     """
 
     name: str
@@ -33,6 +35,8 @@ class ContactTrial:
     online: dict[str, np.ndarray]
     rates: dict[str, np.ndarray]
     truth: dict[str, np.ndarray] = field(default_factory=dict)
+    measured: dict[str, np.ndarray] = field(default_factory=dict)
+    smoothed: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -57,7 +61,8 @@ def contact_trials(
         on = contact_signals(system, causal)
         rates = {name: backward_difference(trial.t, on[name]) for name in BASE}
         rates["v_slip"] = on["a_slip"]
-        trials.append(ContactTrial(trial.name, trial.t, contact_signals(system, two_sided), on, rates, trial.truth))
+        off = contact_signals(system, two_sided)
+        trials.append(ContactTrial(trial.name, trial.t, off, on, rates, trial.truth, trial.signals, two_sided))
     return trials
 
 

@@ -36,15 +36,27 @@ _MJCF = """<mujoco model="pendulum on a box">
       </body>
     </body>
   </worldbody>
-  <actuator>
+  {contact}<actuator>
     <motor name="tau" joint="theta"/>
   </actuator>
 </mujoco>
 """
 
 
+_PAIR = """<contact>
+    <pair geom1="box" geom2="ground" condim="3" friction="{friction!r} {friction!r} 0 0 0" solref="{softness!r} 1"
+          solreffriction="{creep!r} 1" solimp="0.95 0.9999 0.0001"/>
+  </contact>
+  """
+
+
 def pob_mjcf(
-    values: Mapping[str, float], *, timestep: float = 1e-4, support: str = "rail", friction: float | None = None
+    values: Mapping[str, float],
+    *,
+    timestep: float = 1e-4,
+    support: str = "rail",
+    friction: float | None = None,
+    creep: float | None = None,
 ) -> str:
     """Text of an MJCF model: joints ``x`` (slide, m) and ``theta`` (hinge, rad, from upright), motor ``tau`` (N m).
 
@@ -54,6 +66,7 @@ def pob_mjcf(
         support: "rail" (no vertical motion at all) or "plane" (a further joint ``z``, contact of geom ``box`` with geom
             ``ground``, as stiff as the timestep allows).
         friction: coefficient of MuJoCo's own friction cone in that contact; None leaves the contact frictionless.
+        creep: time constant, s, with which that friction brings slip to rest; None takes the contact's own.
 
     Raises:
         UserError: an unknown support, MuJoCo's friction without a contact.
@@ -61,11 +74,14 @@ def pob_mjcf(
     ground, rise, comment = choose(support, SUPPORTS, "support")
     if friction is not None and support != "plane":
         raise UserError("no contact to rub", where="friction", received=friction, allowed="support='plane'")
+    softness = 2.5 * float(timestep)  # MuJoCo wants at least two steps in a contact's time constant
+    pair = "" if creep is None else _PAIR.format(friction=float(friction or 0.0), softness=softness, creep=float(creep))
     return _MJCF.format(
         **{name: float(values[name]) for name in ("m_b", "m_L", "d", "J_L")},
         fall=-float(values["g"]),
         timestep=float(timestep),
-        softness=2.5 * float(timestep),  # MuJoCo wants at least two steps in a contact's time constant
+        softness=softness,
+        contact=pair,
         length=2 * float(values["d"]),
         condim=1 if friction is None else 3,
         friction=float(friction or 0.0),

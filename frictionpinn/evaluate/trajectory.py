@@ -89,7 +89,18 @@ def online_error(candidate: Candidate, trajectory: Trajectory) -> dict[str, Any]
         for seed, trial in trajectory.seen.items()
     }
     unit = squared(trajectory.system.force_unit)
-    return {"force_mse": {"value": float(np.median(list(by_seed.values()))), "unit": unit, "by_seed": by_seed}}
+    told: dict[str, Any] = {
+        "force_mse": {"value": float(np.median(list(by_seed.values()))), "unit": unit, "by_seed": by_seed}
+    }
+    if candidate.interval is not None:
+        inside = [_covered(candidate.interval(trial), trajectory.force) for trial in trajectory.seen.values()]
+        told["within_interval"] = {"value": float(np.median(inside)), "unit": "1", "expected": 0.95}
+    return told
+
+
+def _covered(interval: tuple[np.ndarray, np.ndarray], force: np.ndarray) -> float:
+    """Share of samples whose force lies in the interval."""
+    return float(np.mean((interval[0] <= force) & (force <= interval[1])))
 
 
 def simulate(candidate: Candidate, trajectory: Trajectory) -> Simulation | str:

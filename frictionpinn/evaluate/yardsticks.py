@@ -18,6 +18,7 @@ from .force import CoulombFit, CoulombViscousFit, Predictor
 from .in_simulation import simulate_model
 
 Online = Callable[[ContactTrial], np.ndarray]
+Interval = Callable[[ContactTrial], tuple[np.ndarray, np.ndarray]]
 Start = Mapping[str, float]
 InSimulation = Callable[[InputPath, Start], Simulation]
 
@@ -30,11 +31,13 @@ class Candidate:
         label: what people call it.
         online: force, shape (n,), from the causal signals of a trial; None where it has no online form.
         simulate: simulation with this friction in the equation of motion; None where it cannot be simulated.
+        interval: lower and upper end of the online force's 95 % interval, shape (n,) each; None where it has none.
     """
 
     label: str
     online: Online | None = None
     simulate: InSimulation | None = None
+    interval: Interval | None = None
 
 
 def candidates(

@@ -96,6 +96,7 @@ class OnlineEstimator:
         recording: Recording,
         adapt: Mapping[str, float] | None = None,
         sigmas: Mapping[str, float] | None = None,
+        tuning: Tuning | None = None,
     ) -> OnlineEstimator:
         """Return an estimator tuned on training trials; ``share`` maximises the likelihood of its innovations there.
 
@@ -103,8 +104,10 @@ class OnlineEstimator:
             mechanism, parameters, adapt: see the class.
             recording: training trials; the parameters are not changed by them.
             sigmas: noise levels that are known, SI units.
+            tuning: of the same sensors and trials, made before; None to make it here.
         """
-        tuning, most = tune(mechanism, recording, sigmas), MOST // len(recording.trials)
+        tuning = tuning or tune(mechanism, recording, sigmas)
+        most = MOST // len(recording.trials)
         parts = [
             Trial(trial.name, trial.t[:most], {name: values[:most] for name, values in trial.signals.items()})
             for trial in recording.trials

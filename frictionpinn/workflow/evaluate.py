@@ -16,11 +16,11 @@ from ..evaluate.draw import characteristics_figure, draw
 from ..evaluate.page import terminal_table, write_page
 from ..evaluate.published import add_published
 from ..evaluate.trajectory import Trajectory, compare
-from ..evaluate.yardsticks import candidates
 from ..models import FrictionModel
 from ..physics import LAWS, System
 from .build import Config, build_data, build_system
 from .load import load_run
+from .methods import build_methods
 from .result import commit, versions, write_json
 from .train import quiet
 from .trajectories import build_trajectories, recorded_trajectories, transferred
@@ -52,13 +52,12 @@ def evaluate(cfg: Config) -> dict[str, Any]:
     log.info(f"evaluating {trained['model']['name']}, trained on {home.title}, on {system.title}")
     data = build_data(trained, home)
     train = data.select("train")
+    local = data if system.name == home.name else build_data(away, system)
     if simulated:
-        trajectories = build_trajectories(away, system, data if system.name == home.name else None, cfg)
+        trajectories = build_trajectories(away, system, local, cfg)
     else:
         trajectories = recorded_trajectories(trained, system, data)
-    methods = candidates(model, system, train, int(cfg["substeps"]), cfg.get("integrator"))
-    if not simulated:
-        del methods["force_balance"]  # it is what the others are compared with
+    methods = build_methods(cfg, trained, away, home, system, model, data, local)
     errors, runs = compare(methods, trajectories)
     surfaces = build_characteristics(cfg, trained, home, model, train)
     result = _result(cfg, away, home, system, trajectories, errors, surfaces)

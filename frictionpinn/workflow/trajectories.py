@@ -13,7 +13,7 @@ from ..data.simulated import simulate_recording
 from ..errors import UserError
 from ..evaluate.trajectory import Trajectory
 from ..physics import System
-from .build import Config, build_data, build_noise, build_smoothing, simulated_system
+from .build import Config, build_noise, build_smoothing, simulated_system
 
 
 def transferred(trained: Config, system: Mapping[str, Any] | None, chosen: Mapping[str, Any] | None) -> Config:
@@ -41,12 +41,12 @@ def transferred(trained: Config, system: Mapping[str, Any] | None, chosen: Mappi
     return cfg | {"data": table}
 
 
-def build_trajectories(cfg: Config, system: System, data: TrajectoryData | None, options: Config) -> list[Trajectory]:
+def build_trajectories(cfg: Config, system: System, data: TrajectoryData, options: Config) -> list[Trajectory]:
     """Simulate the trajectories, add the run's noise for every seed, filter as the run does.
 
     Args:
         cfg: see :func:`transferred`.
-        data: training data on this system, to which the filters are fitted; None to simulate it anew.
+        data: training data on this system, to which the filters are fitted.
         options: of the evaluation: ``seeds``.
     """
     table = cfg["data"]
@@ -58,7 +58,6 @@ def build_trajectories(cfg: Config, system: System, data: TrajectoryData | None,
         where = (error.where or "data.trials").replace("data.trials", f"trajectories.{system.name}")
         told = {"received": error.received, "allowed": error.allowed, "fix": error.fix}
         raise UserError(error.what, where=where, **told) from error  # type: ignore[arg-type]
-    data = data or build_data(cfg, system)
     train = data.recording.select(data.splits["train"])
     noise, noisy, places = build_noise(cfg["noise"]), list(train.trials), []
     for trial in clean.trials:

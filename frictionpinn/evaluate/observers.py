@@ -1,0 +1,96 @@
+"""Observers that carry the bristle through the equation of motion, beside the networks: identified, learned, true."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..data.contact import ContactTrial
+from ..data.recording import Recording, Trial
+from ..errors import UserError
+from ..identify.likelihood import maximum_likelihood
+from ..identify.problem import Problem
+from ..online import OnlineEstimator, Tuning
+from ..physics import LAWS, System
+from ..physics.mechanism import Mechanism
+from .yardsticks import Candidate, simulated_law
+
+log = logging.getLogger(__name__)
+
+
+class Observer:
+    """The online estimator over the recorded signals of a trial; remembers the newest trial."""
+
+    def __init__(self, estimator: OnlineEstimator):
+        self.estimator = estimator
+        self._last: tuple[ContactTrial, dict[str, np.ndarray]] | None = None
+
+    def _readings(self, trial: ContactTrial) -> dict[str, np.ndarray]:
+        if self._last is None or self._last[0] is not trial:
+            known = {name: trial.measured[name] for name in self.estimator.signals if name in trial.measured}
+            self._last = trial, self.estimator.filter(Trial(trial.name, trial.t, known))
+        return self._last[1]
+
+    def __call__(self, trial: ContactTrial) -> np.ndarray:
+        """Friction force, shape (n,)."""
+        return self._readings(trial)["force"]
+
+    def interval(self, trial: ContactTrial) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper end of the 95 % interval, shape (n,)."""
+        found = self._readings(trial)
+        return found["low"], found["high"]
+
+
+def identify(system: System, law: str, recording: Recording) -> dict[str, float] | None:
+    """Parameters of the law by maximum likelihood on these trials, SI units; None where no simulation succeeds.
+
+    Parameters that the data do not tell keep the value that the search ended with: together they fit the data.
+    """
+    try:
+        problem = Problem(Mechanism(system, LAWS[law]()), recording)
+        found = maximum_likelihood(problem)
+    except UserError as error:
+        log.warning(f"no observer with identified parameters: {error}")
+        return None
+    state = found.details.get("state")
+    if state is None:
+        log.warning(f"no observer with identified parameters: {'; '.join(found.advice)}")
+        return None
+    own = [par.name for par in LAWS[law].parameters]
+    return {name: value for name, value in problem.values(state.u).items() if name in own}
+
+
+def observers(
+    system: System, recording: Recording, known: Mapping[str, tuple[str, str, Mapping[str, float]]]
+) -> dict[str, Candidate]:
+    """Observers and, of the identified parameters, the simulation, by key.
+
+    Args:
+        system: that is observed.
+        recording: training trials on this system: noise levels and smoothness of the inputs come from them.
+        known: key -> (label, law, its parameters).
+    """
+    recording = _without_measured_force(recording, system)
+    found: dict[str, Candidate] = {}
+    tuning: Tuning | None = None
+    for key, (label, law, parameters) in known.items():
+        mechanism = Mechanism(system, LAWS[law]())
+        estimator = OnlineEstimator.fit(mechanism, parameters, recording, tuning=tuning)
+        tuning, observer = estimator.tuning, Observer(estimator)
+        simulate = simulated_law(system, law, parameters) if key == "identified" else None
+        found[key] = Candidate(label, observer, simulate, observer.interval)
+    return found
+
+
+def _without_measured_force(recording: Recording, system: System) -> Recording:
+    """Where the measured force is the friction force itself, an observer that saw it would have nothing to do."""
+    if not system.massless:
+        return recording
+    hidden = {item.name for item in system.inputs}
+    trials = tuple(
+        Trial(trial.name, trial.t, {name: values for name, values in trial.signals.items() if name not in hidden})
+        for trial in recording.trials
+    )
+    return Recording(trials, recording.units, recording.source, recording.checksum)

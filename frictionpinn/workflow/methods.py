@@ -1,0 +1,67 @@
+"""What an evaluation compares: the model, observers, classical laws, simulators with their own friction."""
+
+from __future__ import annotations
+
+import logging
+
+from ..data.module import TrajectoryData
+from ..evaluate.observers import identify, observers
+from ..evaluate.simulators import simulators
+from ..evaluate.yardsticks import Candidate, candidates
+from ..models import FrictionModel
+from ..physics import LAWS, System
+from .build import Config
+
+log = logging.getLogger(__name__)
+
+
+def build_methods(
+    cfg: Config,
+    trained: Config,
+    away: Config,
+    home: System,
+    system: System,
+    model: FrictionModel,
+    data: TrajectoryData,
+    local: TrajectoryData,
+) -> dict[str, Candidate]:
+    """The model first, then what it is measured against, by key.
+
+    Args:
+        cfg: of the evaluation: substeps, integrator, identify, simulators.
+        trained, away: configurations of the training and of the system that is evaluated.
+        home, system: that was trained on, that is evaluated.
+        model: trained.
+        data: the training's data, from which parameters come.
+        local: data of the system that is evaluated (the same where nothing is transferred), to which what is not
+            friction is tuned: noise levels, smoothness of the inputs.
+    """
+    train = data.select("train")
+    found = candidates(model, system, train, int(cfg["substeps"]), cfg.get("integrator"))
+    recording = local.recording.select(local.splits["train"])
+    found |= observers(system, recording, _known(cfg, trained, away, home, model, data))
+    if trained["data"]["name"] != "simulated":
+        del found["force_balance"]  # it is what the others are compared with
+    elif system.name == home.name:
+        found |= simulators(cfg["simulators"], system, train)
+    return found
+
+
+def _known(
+    cfg: Config, trained: Config, away: Config, home: System, model: FrictionModel, data: TrajectoryData
+) -> dict[str, tuple[str, str, dict[str, float]]]:
+    """Key -> label, law and parameters of every observer: identified, the model's own, the truth."""
+    law, known = trained["friction"]["name"], {}
+    if cfg["identify"]:
+        log.info("identifying by maximum likelihood on the training trials")
+        values = identify(home, law, data.recording.select(data.splits["train"]))
+        if values:
+            known["identified"] = (f"observer, identified {LAWS[law].__name__}", law, values)
+    if model.physical():
+        own = model.hparams["law"]["name"]
+        known["observer"] = (f"observer, {model.hparams['name'].upper()}'s {LAWS[own].__name__}", own, model.physical())
+    if away["data"].get("truth"):
+        known["observer_truth"] = ("observer that knows the truth", away["data"]["friction"], away["data"]["truth"])
+    return {key: (label, name, dict(values)) for key, (label, name, values) in known.items()}
+
+
