@@ -53,11 +53,13 @@ def trajectory_figure(
     """Force online, force in simulation and, where a coordinate is free, its position: truth, model, yardstick."""
     system, clean, free = trajectory.system, trajectory.clean, trajectory.mechanism.free
     rows = 3 if free else 2
-    figure = Figure(figsize=(9, 2.6 * rows), layout="constrained")
+    figure = Figure(figsize=(9, 2.9 * rows), layout="constrained")
     axes = figure.subplots(rows, 1, sharex=True)
     unit, square = readable(system.force_unit), readable(errors["model"]["online"]["force_mse"]["unit"])
     first = next(iter(trajectory.seen.values()))
-    model, fit = methods["model"], methods["coulomb_viscous"]
+    model = methods["model"]
+    shown = {"coulomb_viscous": "baseline", "mujoco": "simulator", "model": "model"}
+    shown[next((key for key in ("identified", "observer") if key in methods), "")] = "observer"
 
     def label(key: str, kind: str) -> str:
         error = errors[key][kind]
@@ -66,10 +68,14 @@ def trajectory_figure(
 
     for axis in axes[:2]:
         axis.plot(clean.t, trajectory.force, color=INK["reference"], lw=1.6, label=trajectory.reference)
-    for candidate, key, z in ((fit, "coulomb_viscous", 2), (model, "model", 3)):
-        color = INK["model"] if key == "model" else INK["baseline"]
+    for z, (key, ink) in enumerate(shown.items(), 2):
+        if key not in methods:
+            continue
+        candidate, color = methods[key], INK[ink]
         if candidate.online is not None:
             axes[0].plot(clean.t, candidate.online(first), color=color, lw=0.9, zorder=z, label=label(key, "online"))
+        if candidate.simulate is None:
+            continue
         run = runs[key]
         told = label(key, "in_simulation")
         axes[1].plot(*((run.t, run.F) if isinstance(run, Simulation) else ([], [])), color=color, zorder=z, label=told)
@@ -78,8 +84,8 @@ def trajectory_figure(
     span = float(np.ptp(trajectory.force)) or 1.0
     for axis, kind in zip(axes[:2], KINDS.values(), strict=True):
         axis.set(ylabel=f"friction force, {kind} ({unit})")
-        axis.set_ylim(trajectory.force.min() - 0.25 * span, trajectory.force.max() + 0.35 * span)
-        axis.legend(loc="upper right", frameon=False, fontsize=9, ncols=3)
+        axis.set_ylim(trajectory.force.min() - 0.25 * span, trajectory.force.max() + 0.55 * span)
+        axis.legend(loc="upper right", frameon=False, fontsize=8, ncols=2)
     if free:
         name = free[0].signals[0]
         axes[2].plot(clean.t, clean.signals[name], color=INK["reference"], lw=1.6)
@@ -94,7 +100,8 @@ def errors_figure(result: Mapping[str, Any]) -> Figure:
     """Mean square error of every method, online and in simulation, one panel per trajectory; published ones marked."""
     table = result["errors"]
     width = 4.6 * len(table) + 2.4
-    figure = Figure(figsize=(width, 4.4), layout="constrained")
+    height = 1.6 + 0.5 * max(len(methods) for methods in table.values())
+    figure = Figure(figsize=(width, height), layout="constrained")
     panels = figure.subplots(1, len(table), sharey=True, sharex=True, squeeze=False)[0]
     labelled: set[str] = set()
     for axis, (name, methods) in zip(panels, table.items(), strict=True):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from ..physics.mechanism import Mechanism
 from .yardsticks import Candidate, simulated_law
 
 log = logging.getLogger(__name__)
+
+WIDEST = 0.3  # largest standard deviation of a parameter's logarithm that the sigma points take
 
 
 class Observer:
@@ -43,8 +46,19 @@ class Observer:
         return found["low"], found["high"]
 
 
-def identify(system: System, law: str, recording: Recording) -> dict[str, float] | None:
-    """Parameters of the law by maximum likelihood on these trials, SI units; None where no simulation succeeds.
+@dataclass(frozen=True)
+class Known:
+    """A law with parameters, SI units, and where they are estimates the covariance of some parameters' logarithms."""
+
+    label: str
+    law: str
+    parameters: dict[str, float]
+    uncertain: tuple[str, ...] = ()
+    covariance: np.ndarray | None = None
+
+
+def identify(system: System, law: str, recording: Recording) -> Known | None:
+    """The law with its parameters by maximum likelihood on these trials; None where no simulation succeeds.
 
     Parameters that the data do not tell keep the value that the search ended with: together they fit the data.
     """
@@ -59,28 +73,35 @@ def identify(system: System, law: str, recording: Recording) -> dict[str, float]
         log.warning(f"no observer with identified parameters: {'; '.join(found.advice)}")
         return None
     own = [par.name for par in LAWS[law].parameters]
-    return {name: value for name, value in problem.values(state.u).items() if name in own}
+    values = {name: value for name, value in problem.values(state.u).items() if name in own}
+    told = [k for k, name in enumerate(found.names) if np.isfinite(found.covariance[k, k])]
+    uncertain = tuple(found.names[k] for k in told)
+    scale = np.array([values[name] for name in uncertain])
+    relative = found.covariance[np.ix_(told, told)] / np.outer(scale, scale)
+    reach = np.minimum(1.0, WIDEST / np.sqrt(np.diag(relative)))
+    label = f"observer, identified {LAWS[law].__name__}"
+    return Known(label, law, values, uncertain, relative * np.outer(reach, reach))
 
 
-def observers(
-    system: System, recording: Recording, known: Mapping[str, tuple[str, str, Mapping[str, float]]]
-) -> dict[str, Candidate]:
+def observers(system: System, recording: Recording, known: Mapping[str, Known]) -> dict[str, Candidate]:
     """Observers and, of the identified parameters, the simulation, by key.
 
     Args:
         system: that is observed.
         recording: training trials on this system: noise levels and smoothness of the inputs come from them.
-        known: key -> (label, law, its parameters).
+        known: key -> what the observer of that key knows of the friction.
     """
     recording = _without_measured_force(recording, system)
     found: dict[str, Candidate] = {}
     tuning: Tuning | None = None
-    for key, (label, law, parameters) in known.items():
-        mechanism = Mechanism(system, LAWS[law]())
-        estimator = OnlineEstimator.fit(mechanism, parameters, recording, tuning=tuning)
+    for key, item in known.items():
+        mechanism, adapt = Mechanism(system, LAWS[item.law]()), dict.fromkeys(item.uncertain, 0.0)
+        estimator = OnlineEstimator.fit(
+            mechanism, item.parameters, recording, adapt, tuning=tuning, covariance=item.covariance
+        )
         tuning, observer = estimator.tuning, Observer(estimator)
-        simulate = simulated_law(system, law, parameters) if key == "identified" else None
-        found[key] = Candidate(label, observer, simulate, observer.interval)
+        simulate = simulated_law(system, item.law, item.parameters) if key == "identified" else None
+        found[key] = Candidate(item.label, observer, simulate, observer.interval)
     return found
 
 

@@ -10,6 +10,7 @@ from string import Template
 from typing import Any
 
 from .draw import KINDS, headline
+from .fidelity import sentences
 from .trajectory import readable
 
 _MOTION = ("position_rms", "velocity_rms")
@@ -31,6 +32,7 @@ img {max-width: 100%} figcaption, p.note {color: #555; font-size: .9rem} figure 
 </style></head><body>
 <h1>$title</h1>
 <p>$headline.</p>
+$fidelity
 $tables
 <p class="note">$note</p>
 $figures
@@ -105,6 +107,7 @@ def terminal_table(result: Mapping[str, Any]) -> str:
         for row in table:
             rest = "".join(f"  {cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True))
             lines.append(f"  {row[0]:<{widths[0]}}{rest}")
+    lines += sentences(result.get("fidelity", {}))
     return "\n".join(lines)
 
 
@@ -121,6 +124,7 @@ def write_page(path: Path, result: Mapping[str, Any], figures: Sequence[Path]) -
     page = _PAGE.substitute(
         title=html.escape(title),
         headline=html.escape(headline(result)),
+        fidelity="\n".join(f"<p>{html.escape(text)}.</p>" for text in sentences(result.get("fidelity", {}))),
         tables=tables,
         note=html.escape(note(result)),
         figures="\n".join(_figure(item) for item in figures),

@@ -1,8 +1,8 @@
 """The friction that rigid-body simulators bring along, fitted to the training trials as well as it allows.
 
-The pendulum on a box stands on a plane in MuJoCo (its friction cone) and in PyBullet (its Coulomb friction). The swing
-is prescribed: in MuJoCo by an armature on the hinge so large that the torque decides its acceleration alone, in PyBullet
-by the force with which the prescribed link acts on the box, to which it is equal.
+The pendulum on a box stands on a plane in MuJoCo (its friction cone) and in PyBullet (its Coulomb friction). The
+swing is prescribed: in MuJoCo by an armature on the hinge so large that the torque decides its acceleration alone, in
+PyBullet by the force with which the prescribed link acts on the box, to which it is equal.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import importlib.util
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -61,22 +62,21 @@ Run = Callable[[InputPath, Mapping[str, float], Mapping[str, float]], Simulation
 
 
 def simulators(names: Sequence[str], system: System, train: Sequence[ContactTrial]) -> dict[str, Candidate]:
-    """Candidates by the simulator's name; none for a system that is not built in them, or where one is not installed."""
+    """Candidates by the simulator's name; none for a system that is not built in them or one not installed."""
     found: dict[str, Candidate] = {}
     for name in names:
         package, label, table, run = choose(name, SIMULATORS, "simulators")
         if system.name != "pob":
             continue
         if importlib.util.find_spec(package) is None:
-            log.warning(f"{label} is not installed and left out: pip install {package}")
+            log.warning(f"{label} is not installed and left out: pip install -c constraints.txt {package}")
             continue
         log.info(f"fitting {label}'s own friction to the training trials")
-        fitted = fit(lambda path, y0, p, run=run: run(system, path, y0, p), table, system, train)
+        own = partial(run, system)
+        fitted = fit(own, table, system, train)
         told = ", ".join(f"{key} {value:.3g}" for key, value in fitted.items())
         log.info(f"{label}: {told}")
-        found[name] = Candidate(
-            f"{label}'s own friction, fitted", simulate=lambda path, y0, p=fitted, run=run: run(system, path, y0, p)
-        )
+        found[name] = Candidate(f"{label}'s own friction, fitted", simulate=partial(own, p=fitted))
     return found
 
 
@@ -109,12 +109,16 @@ def _result(system: System, path: InputPath, q: np.ndarray, v: np.ndarray, F: np
     mechanism, zero = Mechanism(system, LAWS["coulomb"]()), np.zeros(len(path.t))
     signals = dict(path.signals) | {"x": q, "v": v, "a": zero}
     free = contact_signals(system, signals)
-    mass = system.values["m_b"] + system.values["m_L"]
+    mass = _mass(system)
     signals["a"] = free["a_frictionless"] - F / mass
     assert [c.name for c in mechanism.free] == ["x"]
     no_steps = Steps(np.empty(0, np.int64), np.empty((0, 2)), np.empty((0, 0, 0)))
     columns = q[:, None], v[:, None], signals["a"][:, None]
     return Simulation(path.t, *columns, zero, zero, v, free["normal_force"], F, signals, no_steps)
+
+
+def _mass(system: System) -> float:
+    return float(system.values["m_b"] or 0.0) + float(system.values["m_L"] or 0.0)
 
 
 def _substeps(path: InputPath, longest: float) -> tuple[int, float]:
@@ -132,8 +136,9 @@ def run_mujoco(system: System, path: InputPath, y0: Mapping[str, float], p: Mapp
     from mujoco import rollout
 
     substeps, h = _substeps(path, MUJOCO_STEP)
+    values = {name: float(value or 0.0) for name, value in system.values.items()}
     text = pob_mjcf(
-        system.values, timestep=h, support="plane", friction=float(p["friction"]), creep=float(p["solreffriction"])
+        values, timestep=h, support="plane", friction=float(p["friction"]), creep=float(p["solreffriction"])
     )
     model: Any = mujoco.MjModel.from_xml_string(text)
     data: Any = mujoco.MjData(model)
@@ -171,7 +176,7 @@ def run_bullet(system: System, path: InputPath, y0: Mapping[str, float], p: Mapp
     import pybullet
 
     substeps, h = _substeps(path, BULLET_STEP)
-    mass = system.values["m_b"] + system.values["m_L"]
+    mass = _mass(system)
     client = pybullet.connect(pybullet.DIRECT)
     try:
         pybullet.setGravity(0, 0, 0, physicsClientId=client)

@@ -38,7 +38,7 @@ def parameter_vector(mechanism: Mechanism, names: Sequence[str], given: Mapping[
     return np.array([float(values[name]) for name in names])  # type: ignore[arg-type]
 
 
-def check_adapt(adapt: Mapping[str, float], names: Sequence[str], p: np.ndarray) -> None:
+def check_adapt(adapt: Mapping[str, float], names: Sequence[str], p: np.ndarray, covariance: np.ndarray | None) -> None:
     """Raise :class:`UserError` for a parameter that cannot follow a surface."""
     for name, rate in adapt.items():
         if name not in names:
@@ -50,3 +50,11 @@ def check_adapt(adapt: Mapping[str, float], names: Sequence[str], p: np.ndarray)
                 "parameter that cannot adapt", where=f"adapt.{name}", received=rate, allowed="a rate of 0 or above "
                 "for a parameter above 0",
             )  # fmt: skip
+    n = len(adapt)
+    if covariance is not None and (np.shape(covariance) != (n, n) or not np.isfinite(covariance).all()):
+        raise UserError(
+            "covariance that does not fit the parameters that adapt",
+            where="covariance",
+            received=f"shape {np.shape(covariance)}",
+            allowed=f"shape ({n}, {n}), finite",
+        )

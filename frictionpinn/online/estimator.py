@@ -66,6 +66,9 @@ class OnlineEstimator:
         adapt: parameter -> relative change per square root of a second of sliding (see :mod:`.surface`); such a
             parameter is estimated along with the state.
         share: what the model may leave out of a sample's acceleration, relative to the typical one.
+        covariance: of the logarithms of the parameters that adapt, at the start, in the order of ``adapt``; None: they
+            are known exactly there. With a rate of 0 a parameter stays what it is, and its uncertainty, of an
+            identification, counts in the interval.
 
     Raises:
         UserError: an unknown parameter or one without value, an effect on sensors.
@@ -78,13 +81,15 @@ class OnlineEstimator:
         tuning: Tuning,
         adapt: Mapping[str, float] | None = None,
         share: float = SHARES[0],
+        covariance: np.ndarray | None = None,
     ):
         check_sensors(mechanism)
         self.mechanism, self.tuning, self.adapt, self.share = mechanism, tuning, dict(adapt or {}), float(share)
         self.kernels = Kernels(mechanism)
         self.names = tuple(par.name for par in mechanism.parameters)
         self._p = parameter_vector(mechanism, self.names, parameters)
-        check_adapt(self.adapt, self.names, self._p)
+        check_adapt(self.adapt, self.names, self._p, covariance)
+        self.covariance = np.zeros((len(self.adapt),) * 2) if covariance is None else np.asarray(covariance, float)
         self._build()
         self.reset()
 
@@ -97,11 +102,12 @@ class OnlineEstimator:
         adapt: Mapping[str, float] | None = None,
         sigmas: Mapping[str, float] | None = None,
         tuning: Tuning | None = None,
+        covariance: np.ndarray | None = None,
     ) -> OnlineEstimator:
         """Return an estimator tuned on training trials; ``share`` maximises the likelihood of its innovations there.
 
         Args:
-            mechanism, parameters, adapt: see the class.
+            mechanism, parameters, adapt, covariance: see the class.
             recording: training trials; the parameters are not changed by them.
             sigmas: noise levels that are known, SI units.
             tuning: of the same sensors and trials, made before; None to make it here.
@@ -113,7 +119,7 @@ class OnlineEstimator:
             for trial in recording.trials
         ]
         told = {share: cls(mechanism, parameters, tuning, share=share).log_likelihood(parts) for share in SHARES}
-        return cls(mechanism, parameters, tuning, adapt, max(told, key=told.__getitem__))
+        return cls(mechanism, parameters, tuning, adapt, max(told, key=told.__getitem__), covariance)
 
     # building --------------------------------------------------------------------------------------------------
     def _build(self) -> None:
@@ -154,6 +160,8 @@ class OnlineEstimator:
         self._X, self._P = np.zeros(self._size), np.zeros((self._size, self._size))
         for i, name in enumerate(self.adapt):
             self._X[self._size - len(self.adapt) + i] = np.log(self._p[self.names.index(name)])
+        first = self._size - len(self.adapt)
+        self._P[first:, first:] = self.covariance
 
     def _start(self, y: np.ndarray) -> None:
         """State before the first sample: what it shows, and a wide guess at what it does not."""

@@ -13,6 +13,7 @@ from ..data.contact import ContactTrial
 from ..errors import UserError
 from ..evaluate.characteristics import Characteristics, characteristics
 from ..evaluate.draw import characteristics_figure, draw
+from ..evaluate.fidelity import fidelity
 from ..evaluate.page import terminal_table, write_page
 from ..evaluate.published import add_published
 from ..evaluate.trajectory import Trajectory, compare
@@ -161,6 +162,7 @@ def _result(
         "seeds": cfg["seeds"],
         "trajectories": {item.name: item.describe() for item in trajectories},
         "errors": errors,
+        "fidelity": fidelity(errors),
         "characteristics": _characteristics(home, surfaces),
         "versions": versions(),
         "commit": commit(),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 from ..data.module import TrajectoryData
-from ..evaluate.observers import identify, observers
+from ..evaluate.observers import Known, identify, observers
 from ..evaluate.simulators import simulators
 from ..evaluate.yardsticks import Candidate, candidates
 from ..models import FrictionModel
@@ -49,19 +49,18 @@ def build_methods(
 
 def _known(
     cfg: Config, trained: Config, away: Config, home: System, model: FrictionModel, data: TrajectoryData
-) -> dict[str, tuple[str, str, dict[str, float]]]:
-    """Key -> label, law and parameters of every observer: identified, the model's own, the truth."""
-    law, known = trained["friction"]["name"], {}
+) -> dict[str, Known]:
+    """What every observer knows, by key: identified, the model's own, the truth."""
+    law, known = trained["friction"]["name"], dict[str, Known]()
     if cfg["identify"]:
         log.info("identifying by maximum likelihood on the training trials")
-        values = identify(home, law, data.recording.select(data.splits["train"]))
-        if values:
-            known["identified"] = (f"observer, identified {LAWS[law].__name__}", law, values)
+        found = identify(home, law, data.recording.select(data.splits["train"]))
+        known |= {"identified": found} if found else {}
     if model.physical():
         own = model.hparams["law"]["name"]
-        known["observer"] = (f"observer, {model.hparams['name'].upper()}'s {LAWS[own].__name__}", own, model.physical())
+        label = f"observer, {model.hparams['name'].upper()}'s {LAWS[own].__name__}"
+        known["observer"] = Known(label, own, model.physical())
     if away["data"].get("truth"):
-        known["observer_truth"] = ("observer that knows the truth", away["data"]["friction"], away["data"]["truth"])
-    return {key: (label, name, dict(values)) for key, (label, name, values) in known.items()}
-
-
+        truth = dict(away["data"]["truth"])
+        known["observer_truth"] = Known("observer that knows the truth", away["data"]["friction"], truth)
+    return known

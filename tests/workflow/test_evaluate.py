@@ -17,12 +17,19 @@ from omegaconf import OmegaConf
 from frictionpinn.errors import UserError
 from frictionpinn.evaluate.published import published
 from frictionpinn.workflow import cli
+from frictionpinn.workflow.build import build_data
 from frictionpinn.workflow.evaluate import evaluate
 from frictionpinn.workflow.load import load_run
 from frictionpinn.workflow.train import load_checkpoint
 
 ROOT = Path(__file__).resolve().parents[2]
-BRIEF = ["grid=11", "substeps=1", "trajectories.pob=[{name: Traj. 1, duration: 0.4, theta: '45*deg*sin(2*pi*t)'}]"]
+BRIEF = [
+    "grid=11",
+    "substeps=1",
+    "identify=false",
+    "simulators=[]",
+    "trajectories.pob=[{name: Traj. 1, duration: 0.4, theta: '45*deg*sin(2*pi*t)'}]",
+]
 
 
 def configuration(*overrides: str) -> dict:
@@ -63,7 +70,9 @@ def test_an_evaluation_leaves_its_result_figures_and_one_page(run, result):
 
 def test_every_error_has_its_unit_and_the_online_one_is_the_median_over_seeds(result):
     errors = result["errors"]["Traj. 1"]
-    assert list(errors) == ["model", "law", "force_balance", "coulomb", "coulomb_viscous"]
+    assert list(errors) == [
+        "model", "law", "force_balance", "coulomb", "coulomb_viscous", "observer", "observer_truth",
+    ]  # fmt: skip
     online = errors["model"]["online"]["force_mse"]
     assert online["unit"] == "N^2" and set(online["by_seed"]) == {"0", "1", "2"}
     assert online["value"] == np.median(list(online["by_seed"].values()))
@@ -84,11 +93,13 @@ def test_published_figures_stand_beside_those_of_the_same_model_and_trajectory(r
 def test_a_perfect_law_has_no_error_in_simulation(run):
     from frictionpinn.evaluate.trajectory import simulate, simulation_error
     from frictionpinn.evaluate.yardsticks import Candidate, simulated_law
-    from frictionpinn.workflow.evaluate import build_trajectories, transferred
+    from frictionpinn.workflow.trajectories import build_trajectories, transferred
 
     cfg, system, _ = load_run(run)
     options = configuration(f"run={run}", *BRIEF)
-    (trajectory,) = build_trajectories(transferred(cfg, None, options["trajectories"]), system, None, options)
+    (trajectory,) = build_trajectories(
+        transferred(cfg, None, options["trajectories"]), system, build_data(cfg, system), options
+    )
     truth = Candidate("truth", simulate=simulated_law(system, "lugre", cfg["data"]["truth"]))
     error = simulation_error(simulate(truth, trajectory), trajectory)
     assert error["force_mse"]["value"] < 1e-6 and error["position_rms"]["x"]["value"] < 1e-6
@@ -144,7 +155,7 @@ def test_a_measurement_is_compared_with_its_force_balance(quick, csv, tmp_path):
     result = evaluate(configuration(f"run={folder}", *BRIEF))
     assert result["truth"]["friction"] is None and result["reference"] == "force balance, smoothed"
     errors = result["errors"]["trial 2"]
-    assert list(errors) == ["model", "law", "coulomb", "coulomb_viscous"]
+    assert list(errors) == ["model", "law", "coulomb", "coulomb_viscous", "observer"]
     assert 0 < errors["coulomb"]["online"]["force_mse"]["value"] < 1.0
     assert 0 < errors["coulomb_viscous"]["in_simulation"]["position_rms"]["x"]["value"] < 0.02
     assert set(result["characteristics"]["difference_rms"].values()) == {None}
