@@ -53,3 +53,10 @@ def test_the_example_of_maximum_likelihood_runs_as_printed(capsys):
     exec(next(text for text in blocks("python") if "maximum_likelihood" in text), {})
     shown = capsys.readouterr().out
     assert "maximum_likelihood: converged" in shown and "mu_c" in shown
+
+
+def test_the_example_of_online_use_runs_as_printed(capsys):
+    exec(next(text for text in blocks("python") if "OnlineEstimator" in text), {})
+    shown = re.search(r"(\S+) N, (\S+) to (\S+); mu_c (\S+)", capsys.readouterr().out)
+    force, low, high, mu_c = (float(number) for number in shown.groups())
+    assert low <= force <= high and abs(mu_c / 3.0 - 1) < 0.05
