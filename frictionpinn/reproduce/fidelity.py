@@ -11,6 +11,7 @@ from .draw import errors_figure
 from .runs import Run, by_seed, each, finish
 
 KINDS = ("online", "in_simulation")
+ONCE = ("identify=false", "simulators=[]")  # yardsticks that are the same for every model, beside the first alone
 
 
 def runs(options: Config, root: Path) -> dict[tuple[str, int], Run]:
@@ -20,7 +21,7 @@ def runs(options: Config, root: Path) -> dict[tuple[str, int], Run]:
         (model, seed): Run(
             root / f"pob_{model}_{seed}",
             (f"model={model}", f"seed={seed}", *cfg["train"]),
-            ((f"seeds=[{seed}]", *cfg["evaluate"]),),
+            ((f"seeds=[{seed}]", *(() if model == cfg["models"][0] else ONCE), *cfg["evaluate"]),),
         )
         for seed in cfg["seeds"]
         for model in cfg["models"]
