@@ -16,6 +16,7 @@ from .space import Space
 from .trial import TrialModel
 
 RISE = 1.920729  # half the 95 % quantile of chi-squared with one degree of freedom
+BUDGET = "budget"  # why a search ended that ran out of simulations
 WIDEST = 4.0  # factor by which a standard error grows at most for what its neighbours tell
 
 
@@ -75,7 +76,7 @@ def finish(
             rows.setdefault(name, []).append(np.nan_to_num(piece.residuals[name] / sigmas[name]))
     flat = np.concatenate([r for columns in rows.values() for r in columns])
     factor = widening(rows) * problem.loss.inflation(flat)
-    mask = untold(space, state.u, information / factor) & ~at
+    mask = untold(space, state.u, information / factor) & ~at & (solution.reason != BUDGET)  # there: where it got
     covariance = covariance_of(space, state.u, information, mask, at) * factor
     covariance = _widened(space, state.u, covariance, beside, factor)
     p = np.where(mask, np.nan, space.to_values(state.u))

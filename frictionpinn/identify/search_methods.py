@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import optimize
 
+from .assemble import BUDGET
 from .likelihood import failed, finish
 from .problem import Problem
 from .result import STOPPED, Estimate
@@ -164,7 +165,7 @@ def search(
     state = None if objective.u is None else objective.state(objective.u, derivatives=True)
     if state is None:
         return replace(failed(problem, objective.began, before), estimator=method)
-    solution = Solution(state, len(objective.trace), objective.count, "converged" if done else "budget")
+    solution = Solution(state, len(objective.trace), objective.count, "converged" if done else BUDGET)
     count = problem.simulations - before
     estimate = finish(problem, objective.models, solution, dict(problem.sigmas), seconds, count, method)
     details = {**estimate.details, "trace": objective.trace, "path": objective.path}
