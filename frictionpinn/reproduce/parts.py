@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -27,7 +28,10 @@ PARTS: dict[str, Part] = {
 
 
 def reproduce(cfg: Config) -> Path:
-    """Run the chosen parts that have no result file yet, then write the document from all that is there.
+    """Run the chosen parts that are not finished, then write the document from all results that are there.
+
+    A part is finished where ``results`` holds its file, made with the same setting; results and figures are copied to
+    ``pages``, whose files the document is made of.
 
     Args:
         cfg: resolved conf/reproduce.yaml.
@@ -37,22 +41,29 @@ def reproduce(cfg: Config) -> Path:
     """
     for name in cfg["parts"]:
         choose(name, PARTS, "parts")
-    results = Path(cfg["results"])
-    results.mkdir(parents=True, exist_ok=True)
+    results, pages, target = (Path(cfg[key]) for key in ("results", "pages", "document"))
+    for folder in (results, pages):
+        folder.mkdir(parents=True, exist_ok=True)
     hush()
     for name in cfg["parts"]:
-        path = results / f"{name}.json"
-        if path.is_file() and not cfg["again"] and read(path)["setting"]["name"] == cfg["setting"]["name"]:
-            log.info(f"{name}: finished before, {path}")
-            continue
-        begin = time.perf_counter()
-        log.info(f"{name}: running")
-        found = PARTS[name](cfg["setting"], Path(cfg["runs"]), results, int(cfg["jobs"]))
-        seconds = round(time.perf_counter() - begin, 1)
-        told = {"part": name, "setting": {"name": cfg["setting"]["name"], **cfg["setting"][name]}}
-        write_json(path, told | {"seconds": seconds, "versions": versions(), "commit": commit(), **found})
-        log.info(f"{name}: {path} after {seconds:.0f} s")
-    target = Path(cfg["document"])
-    target.write_text(document(results), encoding="utf-8")
+        _run(name, cfg, results)
+    for path in results.iterdir():
+        shutil.copy(path, pages)
+    target.write_text(document(pages), encoding="utf-8")
     log.info(f"the document is {target}")
     return target
+
+
+def _run(name: str, cfg: Config, results: Path) -> None:
+    """One part, unless it is finished."""
+    path, setting = results / f"{name}.json", {"name": cfg["setting"]["name"], **cfg["setting"][name]}
+    if path.is_file() and not cfg["again"] and read(path)["setting"] == setting:
+        log.info(f"{name}: finished before, {path}")
+        return
+    begin = time.perf_counter()
+    log.info(f"{name}: running")
+    found = PARTS[name](cfg["setting"], Path(cfg["runs"]), results, int(cfg["jobs"]))
+    seconds = round(time.perf_counter() - begin, 1)
+    told = {"part": name, "setting": setting, "seconds": seconds, "versions": versions(), "commit": commit()}
+    write_json(path, told | found)
+    log.info(f"{name}: {path} after {seconds:.0f} s")

@@ -42,14 +42,18 @@ def test_a_finished_training_is_not_repeated_unless_its_configuration_changed(wo
 def test_a_part_that_has_its_result_file_is_left_alone(workdir, monkeypatch):
     calls = []
     monkeypatch.setitem(PARTS, "transfer", lambda *given: calls.append(given) or TRANSFER)
-    cfg = default_config(["parts=[transfer]", "results=found", "document=paper.md"], "reproduce")
+    cfg = default_config(["parts=[transfer]", "results=found", "pages=pages", "document=paper.md"], "reproduce")
     reproduce(cfg)
     written = (workdir / "paper.md").read_text()
     reproduce(cfg)
     assert len(calls) == 1 and (workdir / "paper.md").read_text() == written
     reproduce(cfg | {"again": True})
     assert len(calls) == 2
-    reproduce(default_config(["parts=[transfer]", "results=found", "document=paper.md", "setting=full"], "reproduce"))
+    reproduce(
+        default_config(
+            ["parts=[transfer]", "results=found", "pages=pages", "document=paper.md", "setting=full"], "reproduce"
+        )
+    )
     assert len(calls) == 3 and "(setting full," in (workdir / "paper.md").read_text()
 
 
@@ -83,7 +87,7 @@ def test_make_paper_runs_a_part_from_the_command_line(workdir):
     tiny, brief = json.dumps([*TINY[:3]]), json.dumps([*BRIEF[:2]])
     options = ["parts=[transfer]", f"setting.transfer.train={tiny}", f"setting.transfer.evaluate={brief}", "jobs=1"]
     options += ["setting.transfer.models=[bb1]", "setting.transfer.systems=[sdob]"]
-    options += ["results=found", "document=paper.md"]
+    options += ["results=found", "pages=pages", "document=paper.md"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         [sys.executable, str(ROOT / "reproduce.py"), *options],
