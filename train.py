@@ -8,7 +8,7 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from frictionpinn.errors import UserError
-from frictionpinn.workflow import cli
+from frictionpinn.workflow import cli, job
 
 CONFIG = Path(__file__).resolve().parent / "conf"
 failures: list[BaseException] = []
@@ -17,11 +17,14 @@ failures: list[BaseException] = []
 @hydra.main(config_path=str(CONFIG), config_name="train", version_base="1.3")
 def main(cfg: DictConfig) -> float | None:
     """Train what the configuration says; returns the held-out force error."""
+    folder = Path(hydra.core.hydra_config.HydraConfig.get().runtime.output_dir)
+    plain: dict = OmegaConf.to_container(cfg, resolve=True)  # type: ignore[assignment]
+    if job.in_sweep(folder):
+        return job.run_job(plain, folder)
     from frictionpinn.workflow.train import train
 
-    folder = Path(hydra.core.hydra_config.HydraConfig.get().runtime.output_dir)
     try:
-        result = train(OmegaConf.to_container(cfg, resolve=True), folder)  # type: ignore[arg-type]
+        result = train(plain, folder)
     except UserError as error:
         if cli.full_error():
             raise

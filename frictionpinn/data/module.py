@@ -136,6 +136,10 @@ class TrajectoryData(L.LightningDataModule):
         batch = {key: value.to(device) for key, value in self.batches[split].items()}
         return FullBatch(batch, repeats)
 
+    def train_batch(self, device: torch.device) -> dict[str, Tensor]:
+        """The training samples as one batch."""
+        return {key: value.to(device) for key, value in self.batches["train"].items()}
+
     def train_dataloader(self) -> FullBatch:
         return self._loader("train", self.steps_per_epoch)
 

@@ -71,3 +71,37 @@ def force_over_velocity(
     axes.set(xlabel=f"slip velocity ({units[1]})", ylabel=f"friction force ({units[0]})", title=title)
     axes.legend(loc="best", frameon=False, fontsize=9, markerscale=3)
     return figure
+
+
+def residuals(
+    trials: list[ContactTrial], forces: Mapping[str, list[np.ndarray]], force_unit: str, title: str
+) -> Figure:
+    """Force less reference, before (the last of ``forces``, a yardstick) and after (the first, the model).
+
+    Left over time on the longest trial, right their distribution on all trials.
+
+    Args:
+        forces: name -> forces of each trial.
+    """
+    left = {
+        name: [force - reference_force(trial)[0] for trial, force in zip(trials, parts, strict=True)]
+        for name, parts in forces.items()
+    }
+    k = int(np.argmax([len(trial) for trial in trials]))
+    figure = Figure(figsize=(10, 3.6), layout="constrained")
+    over_time, spread = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": [3, 1]})
+    reach = max(float(np.abs(np.concatenate(parts)).max()) for parts in left.values()) or 1.0
+    bins = np.linspace(-reach, reach, 61)
+    for place, (name, parts) in reversed(list(enumerate(left.items()))):
+        color = INK["model"] if place == 0 else INK["baseline"]
+        label = f"{'after' if place == 0 else 'before'}: {name}"
+        over_time.plot(trials[k].t, parts[k], color=color, lw=1.0, label=label)
+        share = np.full(sum(map(len, parts)), 100.0 / sum(map(len, parts)))
+        spread.hist(np.concatenate(parts), bins, weights=share, orientation="horizontal", color=color, alpha=0.65)
+    over_time.axhline(0.0, color=INK["reference"], lw=0.8)
+    over_time.set_ylim(-1.05 * reach, 1.45 * reach)
+    over_time.set(xlabel=f"time (s), trial {trials[k].name}", ylabel=f"force less reference ({force_unit})")
+    over_time.legend(loc="upper right", frameon=False, fontsize=9)
+    spread.set(xlabel="share of all samples (%)")
+    figure.suptitle(title)
+    return figure

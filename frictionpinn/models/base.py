@@ -70,7 +70,7 @@ class FrictionModel(L.LightningModule):
         **extra: Any,
     ):
         super().__init__()
-        self.save_hyperparameters()
+        self.save_hyperparameters(logger=False)  # for checkpoints; TensorBoard gets those of the experiment
         self.features = Features.from_config(inputs, windows)
         self.network = FrictionNetwork(torch.as_tensor(self.features.odd), **network)
         check_loss(loss)

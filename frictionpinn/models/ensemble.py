@@ -52,7 +52,8 @@ class FrictionEnsemble(FrictionModel):
                 received=name,
                 allowed="adam, adam_onecycle",
             )
-        self.save_hyperparameters({**first.hparams, "members": [dict(member.hparams) for member in members]})
+        options = {**first.hparams, "members": [dict(member.hparams) for member in members]}
+        self.save_hyperparameters(options, logger=False)
         self.size, self.optimizer_config = len(members), first.optimizer_config
         self.features, self.scales = first.features, first.scales
         self.sees_rates = first.sees_rates

@@ -39,7 +39,7 @@ class ParameterEstimator(FrictionModel):
 
     def __init__(self, *, law: dict[str, Any], bristle: str = "load", **common: Any):
         super().__init__(**common, law=law, bristle=bristle)
-        self.save_hyperparameters()
+        self.save_hyperparameters(logger=False)
         kind = choose(law["name"], LAWS, "friction")
         if not kind.memory:
             raise UserError(

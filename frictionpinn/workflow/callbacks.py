@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import logging
 import sys
+from pathlib import Path
 from typing import Any
 
 import lightning as L
 import torch
 
 from ..errors import UserError
+from ..models import FrictionEnsemble, FrictionModel
+from ..models.base import Batch
 
 log = logging.getLogger(__name__)
 
@@ -37,23 +40,58 @@ class Scalars(L.Callback):
 
 
 class StopOnNaN(L.Callback):
-    """Ends the training with one line where the loss is not a finite number, and says which term it was."""
+    """Ends the training at the step where loss or gradient is not finite, before the weights are, in one line.
 
-    def __init__(self, every: int):
-        self.every = max(int(every), 1)
+    Args:
+        folder: of the run, to tell where the last good checkpoint is.
+    """
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    def on_before_optimizer_step(self, trainer, pl_module, optimizer) -> None:
+        if isinstance(getattr(optimizer, "active", None), torch.optim.LBFGS):
+            return  # its line search tries points and may take them back
+        gradients = [p.grad for p in pl_module.parameters() if p.grad is not None]
+        size = torch.nn.utils.get_total_norm(gradients) + pl_module.parts["loss"]
+        if bool(torch.isfinite(size)):
+            return
+        if not bool(torch.isfinite(pl_module.parts["loss"])) or not all(bool(g.isfinite().all()) for g in gradients):
+            self._stop(trainer, pl_module, trainer.global_step + 1)
 
     def on_train_batch_end(self, trainer, pl_module, outputs, batch, batch_idx) -> None:
-        if trainer.global_step % self.every:
-            return
         if not bool(torch.isfinite(pl_module.parts["loss"])):
-            bad = [
-                name for name, value in pl_module.parts.items() if not bool(torch.isfinite(value)) and name != "loss"
-            ]
-            raise UserError(
-                f"the loss is not a finite number at step {trainer.global_step}",
-                where="term " + ", ".join(bad),
-                fix="lower optimizer.lr; the last good checkpoint is kept in the run's folder",
-            )
+            self._stop(trainer, pl_module, trainer.global_step)
+
+    def _stop(self, trainer, pl_module, step: int) -> None:
+        last = self.folder / "checkpoints" / "last.ckpt"
+        kept = f"the last good checkpoint is {last}" if last.is_file() else "no checkpoint had been written yet"
+        what, where = culprit(pl_module, trainer.train_dataloader.batch)
+        raise UserError(
+            f"the {what} is not a finite number at step {step}", where=where, fix=f"lower optimizer.lr; {kept}"
+        )
+
+
+def culprit(pl_module: FrictionModel, batch: Batch) -> tuple[str, str]:
+    """Whether loss or gradient is not finite, and in which term; of a gradient also with respect to what."""
+    bad = [name for name, value in pl_module.parts.items() if name != "loss" and not bool(torch.isfinite(value))]
+    if bad:
+        return "loss", "term " + ", ".join(bad)
+    if isinstance(pl_module, FrictionEnsemble):
+        names = [name for name, p in pl_module.named_parameters() if p.grad is not None and not p.grad.isfinite().all()]
+        return "gradient", "term loss with respect to " + ", ".join(names[:4])
+    pl_module.zero_grad()
+    named = [(name, p) for name, p in pl_module.named_parameters() if p.requires_grad]
+    found = []
+    for term in (name for name in pl_module.parts if name != "loss"):
+        value = pl_module.losses(batch)[term]
+        slopes = torch.autograd.grad(value, [p for _, p in named], allow_unused=True)
+        where = [
+            name for (name, _), g in zip(named, slopes, strict=True) if g is not None and not bool(g.isfinite().all())
+        ]
+        if where:
+            found.append(f"{term} with respect to {', '.join(where[:4])}")
+    return "gradient", "term " + (" and ".join(found) or "loss")
 
 
 class Progress(L.Callback):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 from hydra import compose, initialize_config_dir
@@ -17,8 +20,10 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from ..errors import UserError, nearest
+from .manifest import check_free
 
 USER_ERROR = 2
+failed_jobs = 0  # of the sweep that ran in this process
 
 
 def full_error() -> bool:
@@ -30,6 +35,12 @@ def fail(error: BaseException) -> None:
     """Print the line of an error to the terminal."""
     text = " ".join(str(error).split())
     print(f"error: {text}", file=sys.stderr, flush=True)
+
+
+def quote(value: object) -> str:
+    """A value as Hydra's grammar reads any text: in single quotes."""
+    text = str(value).replace("\\", "\\\\").replace("'", "\\'")
+    return f"'{text}'"
 
 
 def check_command_line(config_folder: Path, config_name: str, arguments: Sequence[str]) -> None:
@@ -56,12 +67,55 @@ def check_command_line(config_folder: Path, config_name: str, arguments: Sequenc
     _check_keys(config_folder, config_name, single)
 
 
+def check_output(config_folder: Path, config_name: str, arguments: Sequence[str]) -> None:
+    """Raise :class:`UserError` where results cannot be written, or would overwrite those of another run."""
+    multirun = any(item in ("-m", "--multirun") for item in arguments)
+    texts = [item for item in arguments if not item.startswith("-")]
+    overrides = [_first(override) for override in OverridesParser.create().parse_overrides(texts)]
+    GlobalHydra.instance().clear()
+    try:
+        with initialize_config_dir(str(config_folder), version_base="1.3"):
+            config = compose(config_name, overrides=[item for item in overrides if item], return_hydra_config=True)
+            folder = Path(str(config.hydra.sweep.dir if multirun else config.hydra.run.dir))
+    except (HydraException, OmegaConfBaseException) as error:
+        reason = " ".join(str(error.__cause__ or error).split())
+        raise UserError("Hydra cannot be configured so", where="command line", fix=reason) from error
+    finally:
+        GlobalHydra.instance().clear()
+    present = next((item for item in (folder, *folder.absolute().parents) if item.exists()), folder)
+    try:
+        with tempfile.TemporaryFile(dir=present) as file:
+            file.write(b"0" * (1 << 16))
+    except OSError as error:
+        key = f"hydra.{'sweep' if multirun else 'run'}.dir"
+        fix = f"make room or allow it, or write elsewhere with {key}=..."
+        raise UserError("cannot write", where=str(folder), received=error.strerror, fix=fix) from error
+    if not multirun and "ckpt_path" in config:
+        check_free(folder, config.ckpt_path)
+
+
 def _values(override: Override) -> list[object]:
     value = override.value()
     return list(value.list) if isinstance(value, ChoiceSweep) else [value]
 
 
+def _check_launcher(config_folder: Path, name: str) -> None:
+    """Raise :class:`UserError` for a launcher that there is not, or whose package is missing."""
+    valid = ["basic", "joblib", *sorted(path.stem for path in (config_folder / "hydra" / "launcher").glob("*.yaml"))]
+    if name not in valid:
+        fix = nearest(name, valid) or "use one of the allowed names"
+        raise UserError("unknown launcher", where="hydra/launcher", received=name, allowed=", ".join(valid), fix=fix)
+    package = {"joblib": "hydra_plugins.hydra_joblib_launcher", "ray": "ray", "slurm": "submitit"}.get(name)
+    if package is not None and find_spec(package) is None:
+        fix = f'pip install -c constraints.txt -e ".[{name}]"'
+        raise UserError(
+            f"{package.rpartition('.')[2]} is not installed", where="hydra/launcher", received=name, fix=fix
+        )
+
+
 def _check_choice(config_folder: Path, override: Override) -> None:
+    if override.key_or_group == "hydra/launcher":
+        _check_launcher(config_folder, str(override.value()))
     group = config_folder / override.key_or_group
     if override.key_or_group.startswith("hydra") or not group.is_dir():
         return
@@ -192,14 +246,19 @@ def run(main: Callable[[], None], config_folder: Path, config_name: str, failure
         config_folder, config_name: as given to ``hydra.main``.
         failures: errors that the task collected (in a sweep the others go on).
     """
+    from .resume import resumed
+
     try:
         if not any(item in ("--help", "-h", "--hydra-help", "--version") for item in sys.argv[1:]):
+            sys.argv[1:] = resumed(sys.argv[1:])
             check_command_line(config_folder, config_name, sys.argv[1:])
+            check_output(config_folder, config_name, sys.argv[1:])
+        logging.raiseExceptions = False  # a log that cannot be written is no reason for a traceback
         main()
     except UserError as error:
         if full_error():
             raise
         fail(error)
         sys.exit(USER_ERROR)
-    if failures:
+    if failures or failed_jobs:
         sys.exit(USER_ERROR)

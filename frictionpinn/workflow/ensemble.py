@@ -63,6 +63,10 @@ class MembersBest(L.Callback):
     def __init__(self, every: int, patience: int | None, min_delta: float):
         self.every, self.patience, self.min_delta = every, patience, min_delta
 
+    def on_train_start(self, trainer, pl_module) -> None:
+        if self.patience is not None and bool((pl_module.waited >= self.patience).all()):
+            trainer.should_stop = True  # resumed after the stop, before the report
+
     def on_train_epoch_end(self, trainer, pl_module) -> None:
         if (trainer.current_epoch + 1) % self.every:
             return

@@ -21,8 +21,9 @@ from ..models import FrictionModel
 from ..physics import LAWS, System
 from .build import Config, build_data, build_system
 from .load import load_run
+from .manifest import write_json
 from .methods import build_methods
-from .result import commit, versions, write_json
+from .result import commit, versions
 from .train import quiet
 from .trajectories import build_trajectories, recorded_trajectories, transferred
 

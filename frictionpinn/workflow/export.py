@@ -19,7 +19,8 @@ from ..models import FrictionModel
 from ..physics import System
 from .build import Config, build_recording
 from .load import load_run
-from .result import commit, versions, write_json
+from .manifest import write_json
+from .result import commit, versions
 from .train import quiet
 
 log = logging.getLogger(__name__)

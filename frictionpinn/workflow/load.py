@@ -10,7 +10,7 @@ from ..errors import UserError, nearest
 from ..models import MODELS, FrictionEnsemble, FrictionModel
 from ..physics import System
 from .build import Config, build_system
-from .train import load_checkpoint
+from .checkpoints import load_checkpoint
 
 
 def load_run(folder: str | Path) -> tuple[Config, System, FrictionModel]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import json
-import os
 import platform
 import subprocess
 from collections.abc import Mapping
@@ -12,17 +10,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from .. import __version__
 from ..data.contact import ContactTrial
 from ..data.module import TrajectoryData
-from ..evaluate.figures import force_over_time, force_over_velocity
+from ..evaluate.characteristics import characteristics
+from ..evaluate.draw import characteristics_figure
+from ..evaluate.figures import force_over_time, force_over_velocity, residuals
 from ..evaluate.force import CoulombViscousFit, force_errors
 from ..models import FrictionEnsemble, FrictionModel
+from ..models.base import Batch
 from ..physics import LAWS, System
 from .build import Config
+from .dashboard import show_figures, show_hyper_parameters
 from .ensemble import band, member_spread, uncertainty
 
+GRID = 61  # values of velocity and of normal force in the figure of characteristics
 PACKAGES = ("torch", "lightning", "hydra-core", "numpy", "scipy", "sympy", "numba")
 
 
@@ -37,9 +41,10 @@ def report(cfg: Config, folder: Path, system: System, data: TrajectoryData, mode
         "coulomb_viscous": force_errors(baseline, scored) | {"parameters": baseline.parameters},
     }
     told = uncertainty(model, data.select("train"), scored) if isinstance(model, FrictionEnsemble) else None
-    figures(folder, system, scored, model, baseline, errors, trainer, told)
+    drawn = figures(cfg, system, data, scored, model, baseline, errors, told)
+    losses = final_losses(model, data.train_batch(model.device))
     square = f"({unit})^2" if "*" in unit else f"{unit}^2"
-    return {
+    result = {
         **({"ensemble": {"over": cfg["ensemble_over"], "unit": unit, **told}} if told else {}),
         "model": cfg["model"]["name"],
         "system": system.name,
@@ -62,12 +67,27 @@ def report(cfg: Config, folder: Path, system: System, data: TrajectoryData, mode
             "seconds": {key: round(value, 3) for key, value in seconds.items()},
             "seed": cfg["seed"],
             "device": str(trainer.strategy.root_device),
-            "loss": {name: float(value) for name, value in model.parts.items()},
+            "loss": losses,
         },
         "versions": versions(),
         "commit": commit(),
         "config": cfg,
     }
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    for key, figure in drawn.items():
+        figure.savefig(folder / "figures" / f"{key}.png", dpi=120)
+    show_figures(trainer.loggers, drawn, trainer.global_step)
+    show_hyper_parameters(trainer.loggers, cfg, folder, result, trainer.global_step)
+    for logger in trainer.loggers:
+        logger.experiment.close()  # its thread would go on writing to the run's folder
+    return result
+
+
+def final_losses(model: FrictionModel, batch: Batch) -> dict[str, float]:
+    """Terms of the loss on the training samples with the weights that are reported; of an ensemble their means."""
+    if isinstance(model, FrictionEnsemble):
+        return {name: float(value.mean().detach()) for name, value in model.each(FrictionModel.losses, batch).items()}
+    return {name: float(value.detach()) for name, value in model.losses(batch).items()}
 
 
 def parameters(cfg: Config, system: System, model: FrictionModel) -> dict[str, dict[str, Any]]:
@@ -93,34 +113,37 @@ def parameters(cfg: Config, system: System, model: FrictionModel) -> dict[str, d
 
 
 def figures(
-    folder: Path, system: System, trials: list[ContactTrial], model, baseline, errors, trainer, told=None
-) -> None:
-    """Draw force over time on the longest held-out trial and force against velocity on all of them."""
+    cfg: Config, system: System, data: TrajectoryData, trials: list[ContactTrial], model, baseline, errors, told=None
+) -> dict[str, Figure]:
+    """Force over time, force against velocity, what is left of both, and the characteristics beside the true ones."""
     name = model.hparams["name"].upper()
     unit, slip = readable(system.force_unit), readable(f"{system.slip_unit}/s")
     ours, theirs = errors["model"]["rmse"], errors["coulomb_viscous"]["rmse"]
     labels = {f"{name}: {ours:.3g} {unit} rms": model, f"Coulomb + viscous fit: {theirs:.3g} {unit} rms": baseline}
     predicted = {label: [item.predict_trial(trial)["force"] for trial in trials] for label, item in labels.items()}
     k = int(np.argmax([len(trial) for trial in trials]))
+    longest = {label: forces[k] for label, forces in predicted.items()}
+    title = f"{name} on {system.title}"
     drawn = {
         "force_over_time": force_over_time(
             trials[k],
-            {label: forces[k] for label, forces in predicted.items()},
+            longest,
             unit,
-            f"{name} on {system.title}, trial {trials[k].name}: friction force",
+            f"{title}, trial {trials[k].name}: friction force",
             band(model.predict_trial(trials[k]), told) if told else None,
         ),
         "force_over_velocity": force_over_velocity(
-            trials, predicted, (unit, slip), f"{name} on {system.title}: friction against slip velocity"
+            trials, predicted, (unit, slip), f"{title}: friction against slip velocity"
         ),
+        "residuals": residuals(trials, predicted, unit, f"{title}: what the Coulomb + viscous fit and the model leave"),
     }
-    (folder / "figures").mkdir(parents=True, exist_ok=True)
-    for key, figure in drawn.items():
-        figure.savefig(folder / "figures" / f"{key}.png", dpi=120)
-        for logger in trainer.loggers:
-            logger.experiment.add_figure(key, figure, global_step=trainer.global_step)
-    for logger in trainer.loggers:
-        logger.experiment.close()  # its thread would go on writing to the run's folder
+    known = cfg["data"].get("friction") if cfg["data"]["name"] == "simulated" else None
+    law = LAWS[known]() if known else None
+    surface = characteristics(model, system, data.select("train"), law, cfg["data"].get("truth") or {}, GRID)
+    units = {"unit": system.force_unit, "v_slip": {"unit": f"{system.slip_unit}/s"}}
+    units["normal_force"] = {"unit": system.force_unit}
+    drawn["characteristics"] = characteristics_figure({name: surface}, units)
+    return drawn
 
 
 def readable(unit: str) -> str:
@@ -145,13 +168,6 @@ def commit() -> str | None:
         return git("rev-parse", "HEAD") + ("+changes" if git("status", "--porcelain", "--untracked-files=no") else "")
     except (OSError, subprocess.CalledProcessError):
         return None
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write whole or not at all."""
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(json.dumps(content, indent=2, allow_nan=True) + "\n", encoding="utf-8")
-    os.replace(temporary, path)
 
 
 def summarise(result: Mapping[str, Any], folder: Path) -> str:

@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import time
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import lightning as L
 import torch
-from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
+from lightning.pytorch.callbacks import Callback, EarlyStopping
 from lightning.pytorch.loggers import TensorBoardLogger
 
 from ..data.module import TrajectoryData
-from ..errors import UserError, nearest
-from ..models import FrictionEnsemble, FrictionModel
-from ..models.base import check_same_model
+from ..errors import UserError
 from .build import Config, build_system, check_pairing
 from .callbacks import Progress, Scalars, StopOnNaN
+from .checkpoints import Checkpoints, EveryFew, WholeFiles, bring_best, check_resumable, load_checkpoint, use_best
+from .dashboard import Dashboard
 from .ensemble import MembersBest, prepare, size_of
+from .manifest import check_free, write_json
 from .refine import check_refinable, refine
-from .result import report, summarise, write_json
+from .result import parameters, report, summarise
 
 log = logging.getLogger(__name__)
+# Errors of a disk, which the user can mend; others of the system are shown whole.
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EFBIG, errno.EIO, errno.ENOTDIR)
 
 
 def train(cfg: Config, folder: Path) -> dict[str, Any]:
@@ -41,8 +44,23 @@ def train(cfg: Config, folder: Path) -> dict[str, Any]:
     Raises:
         UserError: anything that the user can mend.
     """
+    try:
+        return _train(cfg, folder)
+    except OSError as error:
+        if error.errno not in DISK:
+            raise
+        raise UserError(
+            "cannot write",
+            where=str(error.filename or folder),
+            received=error.strerror or str(error),
+            fix="free or allow it, then go on from the last checkpoint: resume=" + str(folder),
+        ) from error
+
+
+def _train(cfg: Config, folder: Path) -> dict[str, Any]:
     begin = time.perf_counter()
     quiet()
+    same_run = check_free(folder, cfg.get("ckpt_path"))
     torch.set_num_threads(max(int(cfg["trainer"].get("threads") or torch.get_num_threads()), 1))
     L.seed_everything(seed_of(cfg), workers=False, verbose=False)
     check_pairing(cfg)
@@ -51,9 +69,14 @@ def train(cfg: Config, folder: Path) -> dict[str, Any]:
     announce_compilation(cfg)
     system = build_system(cfg["system"])
     data, model = prepare(cfg, system)
+    step = None
     if cfg.get("ckpt_path"):
-        check_resumable(load_checkpoint(cfg["ckpt_path"], "ckpt_path"), model, int(cfg["trainer"]["max_epochs"]))
-    trainer = build_trainer(cfg, folder, validation=bool(data.splits["validation"]))
+        checkpoint = load_checkpoint(cfg["ckpt_path"], "ckpt_path")
+        check_resumable(checkpoint, model, int(cfg["trainer"]["max_epochs"]), same_run)
+        step = int(checkpoint["global_step"])
+        bring_best(folder, cfg["ckpt_path"])
+    dashboard = Dashboard(parameters(cfg, system, model))
+    trainer = build_trainer(cfg, folder, bool(data.splits["validation"]), step, dashboard)
     log.info(announce(cfg, data))
     start = time.perf_counter()
     trainer.fit(model, datamodule=data, ckpt_path=cfg.get("ckpt_path"), weights_only=True)
@@ -103,46 +126,13 @@ def quiet() -> None:
     warnings.filterwarnings("ignore", module="torch.optim.lr_scheduler")
 
 
-def load_checkpoint(path: str | Path, where: str) -> Mapping[str, Any]:
-    """Load a checkpoint without ever executing code in it; one line where that fails."""
-    path = Path(path)
-    if not path.is_file():
-        present = sorted(str(item) for item in path.parent.glob("*.ckpt")) if path.parent.is_dir() else []
-        raise UserError(
-            "no such checkpoint",
-            where=where,
-            received=str(path),
-            allowed=", ".join(present) or "a .ckpt file of an earlier run",
-            fix=nearest(str(path), present) or "look in the run's folder, checkpoints/",
-        )
-    try:
-        return torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:
-        raise UserError(
-            "unreadable checkpoint",
-            where=where,
-            received=str(path),
-            allowed="a checkpoint written by train.py",
-            fix=f"use another checkpoint of the run ({type(error).__name__})",
-        ) from error
+def build_trainer(
+    cfg: Config, folder: Path, validation: bool, purge_step: int | None = None, *further: Callback
+) -> L.Trainer:
+    """Lightning's trainer with checkpoints, scalars, early stopping and a progress bar.
 
-
-def check_resumable(checkpoint: Mapping[str, Any], model: FrictionModel, max_epochs: int) -> None:
-    """Raise :class:`UserError` for a checkpoint of another model, or one that has had all its epochs."""
-    check_same_model(checkpoint, dict(model.hparams))
-    done = int(checkpoint.get("epoch", -1)) + 1
-    if done >= max_epochs:
-        raise UserError(
-            "nothing left to train",
-            where="trainer.max_epochs",
-            received=max_epochs,
-            allowed=f"more than {done}, the epochs of the checkpoint",
-            fix="raise it, or start afresh without ckpt_path",
-        )
-
-
-def build_trainer(cfg: Config, folder: Path, validation: bool) -> L.Trainer:
-    """Lightning's trainer with checkpoints, scalars, early stopping and a progress bar."""
+    ``purge_step``: of a resumed run; what TensorBoard holds from there on is written anew.
+    """
     options = cfg["trainer"]
     epochs = int(options["max_epochs"])
     if epochs < 1:
@@ -152,7 +142,7 @@ def build_trainer(cfg: Config, folder: Path, validation: bool) -> L.Trainer:
             raise UserError("impossible interval", where=f"trainer.{key}", received=options[key], allowed="at least 1")
     every = min(int(options["checkpoint_every_n_epochs"]), epochs)
     monitor = "loss/validation" if validation else "loss/training"
-    checkpoint = ModelCheckpoint(
+    checkpoint = Checkpoints(
         dirpath=folder / "checkpoints",
         filename="best",
         monitor=monitor,
@@ -164,7 +154,8 @@ def build_trainer(cfg: Config, folder: Path, validation: bool) -> L.Trainer:
     callbacks: list[Callback] = [
         checkpoint,
         Scalars(options["log_every_n_steps"]),
-        StopOnNaN(options["log_every_n_steps"]),
+        StopOnNaN(folder),
+        *further,
     ]
     stopping = options.get("early_stopping")
     patience = max(int(stopping["patience"]) // every, 1) if stopping else None
@@ -182,8 +173,9 @@ def build_trainer(cfg: Config, folder: Path, validation: bool) -> L.Trainer:
             max_epochs=epochs,
             accelerator=options["accelerator"],
             devices=1,  # one full batch: more devices would only repeat it
-            logger=TensorBoardLogger(folder, name="", version="tensorboard"),
+            logger=TensorBoardLogger(folder, name="", version="tensorboard", purge_step=purge_step),
             callbacks=callbacks,
+            plugins=[WholeFiles()],
             log_every_n_steps=int(options["log_every_n_steps"]),
             check_val_every_n_epoch=every,
             num_sanity_val_steps=0,
@@ -198,37 +190,6 @@ def build_trainer(cfg: Config, folder: Path, validation: bool) -> L.Trainer:
             allowed="cpu, auto, or gpu where the machine has one",
             fix=str(error).splitlines()[0],
         ) from error
-
-
-class EveryFew(Callback):
-    """Early stopping that looks only at the epochs at which the monitored loss is logged."""
-
-    def __init__(self, stopping: EarlyStopping, every: int):
-        self.stopping, self.every = stopping, every
-
-    def setup(self, trainer, pl_module, stage) -> None:
-        self.stopping.setup(trainer, pl_module, stage)
-
-    def on_train_epoch_end(self, trainer, pl_module) -> None:
-        if (trainer.current_epoch + 1) % self.every == 0:
-            self.stopping._run_early_stopping_check(trainer)
-
-    def state_dict(self) -> dict[str, Any]:
-        return self.stopping.state_dict()
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        self.stopping.load_state_dict(state_dict)
-
-
-def use_best(model: FrictionModel, trainer: L.Trainer) -> None:
-    """Load the weights of the best checkpoint; of an ensemble, every member's own best, and keep those."""
-    path = trainer.checkpoint_callback.best_model_path  # type: ignore[union-attr]
-    if isinstance(model, FrictionEnsemble):
-        model.restore_best()
-        trainer.save_checkpoint(path, weights_only=True)
-        return
-    if path:
-        model.load_state_dict(load_checkpoint(path, "checkpoint")["state_dict"])
 
 
 def announce(cfg: Config, data: TrajectoryData) -> str:

@@ -18,9 +18,9 @@ from frictionpinn.errors import UserError
 from frictionpinn.evaluate.published import published
 from frictionpinn.workflow import cli
 from frictionpinn.workflow.build import build_data
+from frictionpinn.workflow.checkpoints import load_checkpoint
 from frictionpinn.workflow.evaluate import evaluate
 from frictionpinn.workflow.load import load_run
-from frictionpinn.workflow.train import load_checkpoint
 
 ROOT = Path(__file__).resolve().parents[2]
 BRIEF = [

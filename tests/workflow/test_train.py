@@ -95,7 +95,7 @@ def test_tensorboard_holds_losses_parameters_and_step_sizes(run, events):
 def test_both_figures_are_in_tensorboard_and_png_files(run, events):
     assert {"force_over_time", "force_over_velocity"} <= set(events.Tags()["images"])
     files = sorted((run[0] / "figures").glob("*.png"))
-    assert [file.stem for file in files] == ["force_over_time", "force_over_velocity"]
+    assert {"force_over_time", "force_over_velocity"} <= {file.stem for file in files}
     for file in files:
         assert file.read_bytes().startswith(b"\x89PNG\r\n\x1a\n") and file.stat().st_size > 10_000
 

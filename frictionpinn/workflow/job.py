@@ -1,0 +1,138 @@
+"""One job of a sweep in a process of its own, so that its death costs that job alone, whatever the launcher."""
+
+from __future__ import annotations
+
+import atexit
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from .manifest import MANIFEST, read_json, result_of, set_status, status_of
+
+log = logging.getLogger(__name__)
+
+
+class Worker:
+    """A child process that trains one job after another; the next job after its death gets a new one.
+
+    It is told of a job in a line of JSON on its standard input and answers with a line when the job is settled. When
+    this process dies, however, the pipe closes and the child ends at once: nothing goes on behind a dead sweep.
+    """
+
+    def __init__(self, environment: dict[str, str]):
+        root = str(Path(__file__).resolve().parents[2])
+        path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+        self.environment = environment
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "frictionpinn.workflow.worker"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, **environment, "PYTHONPATH": path},
+            start_new_session=True,  # Ctrl-C reaches the sweep, which then ends its jobs
+        )
+        atexit.register(self.stop)
+
+    def train(self, cfg: dict[str, Any], folder: Path) -> int | None:
+        """Train; None when the job is settled, else the exit code of the process that died."""
+        pipe: IO[str] = self.process.stdin  # type: ignore[assignment]
+        try:
+            pipe.write(json.dumps({"config": cfg, "folder": str(folder)}, default=str) + "\n")
+            pipe.flush()
+            if self.process.stdout.readline():  # type: ignore[union-attr]
+                return None
+        except BrokenPipeError:
+            pass
+        return self.process.wait()
+
+    def stop(self) -> None:
+        """End the child."""
+        atexit.unregister(self.stop)
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+
+_worker: Worker | None = None
+
+
+def _worker_for(environment: dict[str, str]) -> Worker:
+    global _worker
+    if _worker is not None and (_worker.process.poll() is not None or _worker.environment != environment):
+        _worker.stop()
+        _worker = None
+    _worker = _worker or Worker(environment)
+    return _worker
+
+
+def in_sweep(folder: Path) -> bool:
+    """Whether a folder is that of a job of a sweep with a manifest."""
+    return (folder.parent / MANIFEST).is_file()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a job ended: ``rmse`` of the force on held-out trials, None where it failed, and a line for people."""
+
+    rmse: float | None
+    line: str
+
+    def tell(self) -> None:
+        """Print the line."""
+        if self.rmse is None:
+            print(f"error: {self.line}", file=sys.stderr, flush=True)
+        else:
+            print(self.line, flush=True)
+
+
+def run_job(cfg: dict[str, Any], folder: Path) -> float | None:
+    """Train one job in a process of its own, say in one line how it ended, and return its force error."""
+    outcome = train_job(cfg, folder)
+    outcome.tell()
+    return outcome.rmse
+
+
+def train_job(cfg: dict[str, Any], folder: str | Path) -> Outcome:
+    """Train one job in a process of its own; what became of it is in its folder."""
+    begin, folder = time.perf_counter(), Path(folder)
+    threads = cfg["trainer"].get("threads")
+    environment = {key: str(threads) for key in ("OMP_NUM_THREADS", "MKL_NUM_THREADS")} if threads else {}
+    code = _worker_for(environment).train(cfg, folder)
+    result, status = result_of(folder), status_of(folder)
+    if code is not None and result is None:
+        status = {"state": "failed", "kind": "died", "error": f"its process died: {ending(code)}"}
+        set_status(folder, **status)
+    label = describe(folder)
+    if result is None:
+        return Outcome(None, f"{label}: {status.get('error', 'unknown')}")
+    error = result["force_error"]
+    text = f"{error['model']['rmse']:.4g} {error['unit']['rmse']} rms"
+    line = f"{label}: force error {text}, {time.perf_counter() - begin:.1f} s"
+    return Outcome(float(error["model"]["rmse"]), line)
+
+
+def ending(code: int) -> str:
+    """How a process ended, in words."""
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        return signal.Signals(-code).name + (" (out of memory?)" if -code == signal.SIGKILL else "")
+    except ValueError:
+        return f"signal {-code}"
+
+
+def describe(folder: Path) -> str:
+    """Number of a job of its sweep, and its varied options."""
+    jobs = (read_json(folder.parent / MANIFEST) or {}).get("jobs", [])
+    for job in jobs:
+        if job["folder"] == folder.name:
+            options = " ".join(f"{key}={value}" for key, value in job["swept"].items())
+            return f"[{job['number'] + 1}/{len(jobs)}] {options}".rstrip()
+    return folder.name
