@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
@@ -64,9 +65,8 @@ def check_recording(
     Raises:
         UserError: a trial name occurs twice, or a signal never changes.
     """
-    names = recording.names
-    for name in names:
-        if names.count(name) > 1:
+    for name, count in Counter(recording.names).items():
+        if count > 1:
             raise UserError(
                 "two trials with one name",
                 where=where,

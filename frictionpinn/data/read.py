@@ -7,6 +7,7 @@ import hashlib
 import os
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -62,7 +63,7 @@ def read_recording(
     trials: list[Trial] = []
     digest = hashlib.sha256()
     for file in files:
-        digest.update(_read_bytes(file))
+        _add_bytes(digest, file)
         table = load_table(file, delimiter, decimal)
         trials += _trials(table, columns, units, signal_units, gains, trial_column)
     where = str(files[0]) if len(files) == 1 else f"{files[0]} and {len(files) - 1} more"
@@ -120,9 +121,11 @@ def _expand(path: Path) -> list[Path]:
     )
 
 
-def _read_bytes(path: Path) -> bytes:
+def _add_bytes(digest: Any, path: Path) -> None:
     try:
-        return path.read_bytes()
+        with path.open("rb") as file:
+            while piece := file.read(1 << 20):
+                digest.update(piece)
     except OSError as error:
         raise UserError(
             "cannot open file", where=str(path), received=error.strerror, fix="check its permissions"
@@ -231,15 +234,29 @@ def _groups(table: Table, trial_column: str | None, length: int) -> list[tuple[s
         raise UserError(
             "columns of different length", where=f"{table.path}, column '{trial_column}'", allowed=f"{length}, as time"
         )
-    groups: dict[str, list[int]] = {}
-    for row, value in enumerate(values.tolist()):
-        if value is None or value != value:
-            raise UserError(
-                "missing value",
-                where=f"{table.path}, column '{trial_column}', data row {row + 1}",
-                received="empty or NaN",
-                allowed="the name or number of the trial",
-            )
-        whole = isinstance(value, float) and value.is_integer()
-        groups.setdefault(str(int(value) if whole else value).strip(), []).append(row)
-    return [(name, np.array(rows)) for name, rows in groups.items()]
+    return _split(values, f"{table.path}, column '{trial_column}'")
+
+
+def _split(values: np.ndarray, where: str) -> list[tuple[str, np.ndarray]]:
+    """Label of each trial and its rows, from the column that names the trials."""
+    import pandas as pd
+
+    codes, present = pd.factorize(values)
+    if len(bad := np.flatnonzero(codes < 0)):
+        raise UserError(
+            "missing value",
+            where=f"{where}, data row {bad[0] + 1}",
+            received="empty or NaN",
+            allowed="the name or number of the trial",
+        )
+    labels: dict[str, int] = {}
+    merged = np.array([labels.setdefault(_label(value), len(labels)) for value in present.tolist()], dtype=np.intp)
+    trial = merged[codes]
+    order = np.argsort(trial, kind="stable")
+    ends = np.cumsum(np.bincount(trial, minlength=len(labels)))[:-1]
+    return list(zip(labels, np.split(order, ends), strict=True))
+
+
+def _label(value: Any) -> str:
+    whole = isinstance(value, float) and value.is_integer()
+    return str(int(value) if whole else value).strip()

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import csv
-import gzip
-import io
 import re
 import warnings
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from frictionpinn.data.mat import load_mat
+from frictionpinn.data.text import open_text
 from frictionpinn.errors import UserError, nearest
 
 TEXT_ENDINGS = (".csv", ".csv.gz", ".txt", ".txt.gz", ".tsv")
@@ -140,39 +138,47 @@ def _empty(path: Path) -> UserError:
 def _load_text(path: Path, delimiter: str | None, decimal: str | None) -> Table:
     import pandas as pd
 
-    lines = [line for line in _decode(path).split("\n") if line.strip()]
-    if not lines:
-        raise _empty(path)
-    try:
-        sep = delimiter or _sniff_delimiter(lines)
-        header = [name.strip() for name in _fields(lines[0], sep)]
-        _check_header(path, header)
-        point = decimal or _sniff_decimal(lines[1:50], sep)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)
-            frame = pd.read_csv(
-                io.StringIO("\n".join(lines[1:])),
-                sep=r"\s+" if sep == " " else sep,
-                decimal=point,
-                header=None,
-                names=list(range(len(header))),
-                index_col=False,
-                skipinitialspace=True,
-                float_precision="round_trip",
-                low_memory=False,
-            )
-    except UserError:
-        raise
-    except (csv.Error, ValueError, OverflowError, pd.errors.ParserWarning) as error:
-        reason = str(error).split("\n", 1)[0][:120]
-        raise UserError(
-            "cannot read as a table",
-            where=str(path),
-            received=reason,
-            allowed="a header row, then rows with as many fields",
-            fix="mend the row, or set delimiter and decimal",
-        ) from error
-    return Table(path, header, [frame[column].to_numpy() for column in frame])
+    with open_text(path) as text:
+        lines = text.head(50)
+        if not lines:
+            raise _empty(path)
+        try:
+            sep = delimiter or _sniff_delimiter(lines)
+            header = _header(path, lines[0], sep)
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", pd.errors.ParserWarning)
+                warnings.simplefilter("ignore", pd.errors.DtypeWarning)  # text among numbers: told with its row
+                frame = pd.read_csv(
+                    text,
+                    sep=r"\s+" if sep == " " else sep,
+                    decimal=decimal or _sniff_decimal(lines[1:], sep),
+                    header=None,
+                    names=list(range(len(header))),
+                    index_col=False,
+                    skipinitialspace=True,
+                    float_precision="round_trip",
+                )
+        except UserError:
+            raise
+        except (csv.Error, ValueError, OverflowError, pd.errors.ParserWarning) as error:
+            raise _no_table(path, error) from error
+    return Table(path, header, [frame.pop(column).to_numpy() for column in list(frame)])
+
+
+def _no_table(path: Path, error: Exception) -> UserError:
+    return UserError(
+        "cannot read as a table",
+        where=str(path),
+        received=str(error).split("\n", 1)[0][:120],
+        allowed="a header row, then rows with as many fields",
+        fix="mend the row, or set delimiter and decimal",
+    )
+
+
+def _header(path: Path, line: str, sep: str) -> list[str]:
+    header = [name.strip() for name in _fields(line, sep)]
+    _check_header(path, header)
+    return header
 
 
 def _check_header(path: Path, header: list[str]) -> None:
@@ -184,27 +190,6 @@ def _check_header(path: Path, header: list[str]) -> None:
             allowed="a first row that names the columns",
             fix="add one, for instance t,x,force",
         )
-
-
-def _decode(path: Path) -> str:
-    raw = path.read_bytes()
-    if path.name.lower().endswith(".gz"):
-        try:
-            raw = gzip.decompress(raw)
-        except (OSError, EOFError, zlib.error) as error:
-            raise UserError(
-                "cannot decompress", where=str(path), received=str(error), fix="compress it again"
-            ) from error
-    try:
-        text = raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
-    except UnicodeDecodeError as error:
-        # Latin-1 is what older programs write; only names and units can hold such letters.
-        if b"\x00" in raw:
-            raise UserError("not a text file", where=str(path), received=str(error), fix="save it as UTF-8") from error
-        text = raw.decode("latin-1")
-    if "\x00" in text:
-        raise UserError("not a text file", where=str(path), received="zero bytes", fix="save it as UTF-8")
-    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def _fields(line: str, sep: str) -> list[str]:
@@ -263,4 +248,14 @@ def columns_of(path: str | Path) -> list[str]:
     """Names of the columns or variables of the first file that ``path`` names, in the order of the file."""
     from frictionpinn.data.read import find_files
 
-    return load_table(find_files(path)[0]).names
+    file = find_files(path)[0]
+    if ending(file) not in TEXT_ENDINGS or file.stat().st_size == 0:
+        return load_table(file).names
+    with open_text(file) as text:
+        lines = text.head(50)
+    if not lines:
+        raise _empty(file)
+    try:
+        return _header(file, lines[0], _sniff_delimiter(lines))
+    except csv.Error as error:
+        raise _no_table(file, error) from error

@@ -11,7 +11,7 @@ from ..evaluate.published import published
 from ..workflow.build import Config
 from ..workflow.estimate import default_config
 from ..workflow.identify import compare
-from ..workflow.result import write_json
+from ..workflow.manifest import write_json
 from .runs import each, finished
 
 PROTOCOLS = {

@@ -11,7 +11,8 @@ from typing import Any
 
 from ..errors import choose
 from ..workflow.build import Config
-from ..workflow.result import commit, versions, write_json
+from ..workflow.manifest import write_json
+from ..workflow.result import commit, versions
 from . import ablation, equations, fidelity, identification, transfer
 from .document import document
 from .runs import hush, read

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+from ..data.check import check_trial
 from ..data.contact import ContactTrial, contact_trials
 from ..data.module import TrajectoryData, split_trials
 from ..data.noise import GaussianNoise, Noise, NoNoise, OutlierNoise, QuantisedNoise
+from ..data.prepare import thin
 from ..data.read import read_recording
 from ..data.recording import Recording
 from ..data.sets import load_public
@@ -35,6 +38,15 @@ SMOOTHING: dict[str, tuple[Callable[..., Any], Callable[..., Any]]] = {
 }
 
 
+def _mapping(cfg: Config, key: str, where: str) -> dict[str, Any]:
+    """A table of the configuration, empty for null; :class:`UserError` for anything else."""
+    value = cfg.get(key)
+    if value is not None and not isinstance(value, dict):
+        allowed = "a table such as {key: value}, or null"
+        raise UserError("not a table", where=f"{where}.{key}", received=repr(value), allowed=allowed)
+    return {str(name): item for name, item in (value or {}).items()}
+
+
 def build_system(cfg: Config) -> System:
     """The system with the values of its parameters."""
     kind = choose(cfg["name"], SYSTEMS, "system")
@@ -51,7 +63,9 @@ def build_smoothing(cfg: Config) -> tuple[Smoother, Smoother]:
     """The smoother for training and the causal one for online use."""
     offline, online = choose(cfg["name"], SMOOTHING, "smoothing")
     makers = {"offline": offline, "online": online}
-    two_sided, causal = (_make(make, cfg.get(key) or {}, f"smoothing.{key}") for key, make in makers.items())
+    two_sided, causal = (
+        _make(make, _mapping(cfg, key, "smoothing"), f"smoothing.{key}") for key, make in makers.items()
+    )
     return two_sided, causal
 
 
@@ -103,8 +117,8 @@ def _from_files(cfg: Config, system: System) -> Recording:
     known = system.signal_units
     trial_column = cfg.get("trial_column")
     present = columns_of(_paths(cfg["path"])[0])
-    columns = cfg.get("columns")
-    if columns is None:
+    columns = _mapping(cfg, "columns", "data")
+    if cfg.get("columns") is None:
         columns = {name: name for name in known if name in present}
         columns.setdefault("t", "t")
     if trial_column is not None and trial_column not in present:
@@ -113,14 +127,37 @@ def _from_files(cfg: Config, system: System) -> Recording:
     if unknown:
         choose(unknown[0], known, "data.columns")
     _require_motion(columns, system)
-    return read_recording(
+    recording = read_recording(
         _paths(cfg["path"]),
         columns=columns,
-        units=cfg.get("units") or {"default": "SI"},
+        units=_mapping(cfg, "units", "data") or {"default": "SI"},
         signal_units=known,
         trial_column=trial_column,
-        gains=cfg.get("gains") or {},
+        gains=_mapping(cfg, "gains", "data"),
     )
+    return _limited(recording, cfg.get("rate_hz"), cfg.get("max_samples"))
+
+
+def _limited(recording: Recording, rate_hz: Any, max_samples: Any) -> Recording:
+    """The recording at a lower rate where one is wanted; refused where it has more samples than one batch may have."""
+    for key, value in (("rate_hz", rate_hz), ("max_samples", max_samples)):
+        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float) or not value > 0):
+            raise UserError(
+                "not a number above 0", where=f"data.{key}", received=repr(value), allowed="above 0, or null"
+            )
+    if rate_hz is not None:
+        recording = replace(recording, trials=tuple(thin(trial, float(rate_hz)) for trial in recording.trials))
+        for trial in recording.trials:
+            check_trial(trial, f"{recording.source} at {rate_hz:g} Hz")
+    if max_samples is not None and len(recording) > max_samples:
+        raise UserError(
+            "more samples than one batch may have",
+            where=recording.source,
+            received=f"{len(recording)} samples long",
+            allowed=f"up to data.max_samples = {max_samples}",
+            fix="lower its rate with data.rate_hz, or cut it; a training holds all samples in memory at once",
+        )
+    return recording
 
 
 def _require_motion(columns: dict[str, Any], system: System) -> None:
@@ -143,10 +180,18 @@ def _require_motion(columns: dict[str, Any], system: System) -> None:
         )
 
 
+def seed_of(cfg: Config) -> int:
+    """The seed, checked."""
+    seed = cfg["seed"]
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**32:
+        raise UserError("impossible seed", where="seed", received=repr(seed), allowed="a whole number from 0")
+    return seed
+
+
 def build_data(cfg: Config, system: System) -> TrajectoryData:
     """Recording, noise, smoothing and split of the experiment."""
     clean = build_recording(cfg["data"], system)
-    noisy = build_noise(cfg["noise"])(clean, int(cfg["seed"]))
+    noisy = build_noise(cfg["noise"])(clean, seed_of(cfg))
     table = cfg["data"]
     splits = split_trials(clean.names, table.get("held_out"), table.get("validation"), table.get("training_trials"))
     offline, online = build_smoothing(cfg["smoothing"])
@@ -173,16 +218,18 @@ def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionMo
     train = data.select("train")
     scales = data_scales(train)
     common = {key: model[key] for key in ("name", "inputs", "network", "loss")}
-    windows = {name: model["windows"].get(name, [[1, 0]]) for name in model["inputs"]}
-    common |= {"windows": windows, "optimizer": cfg["optimizer"], "scales": scales}
+    given = _mapping(model, "windows", "model")
+    inputs = model["inputs"] if isinstance(model["inputs"], list) else []
+    windows = {name: given.get(name, [[1, 0]]) for name in map(str, inputs)}
+    common |= {"inputs": inputs, "windows": windows, "optimizer": cfg["optimizer"], "scales": scales}
     common["context"] = {"system": cfg["system"]["name"], "equations": system.equations, "values": dict(system.values)}
     if not model["name"].startswith("pe"):
         return kind(**common)
     law = choose(friction["name"], LAWS, "friction")()
-    start, bounds = complete(law, friction.get("start") or {}, friction.get("bounds") or {}, scales)
+    start, bounds = complete(law, *(_mapping(friction, key, "friction") for key in ("start", "bounds")), scales)
     plain = {"name": law.name, "start": start, "bounds": {key: list(value) for key, value in bounds.items()}}
     plain |= {
-        "fixed": {key: value for key, value in (friction.get("fixed") or {}).items() if value is not None},
+        "fixed": {key: value for key, value in _mapping(friction, "fixed", "friction").items() if value is not None},
         "tie_sigma1": bool(friction.get("tie_sigma1", False)),
     }
     return kind(**common, law=plain, bristle=model.get("bristle", "load"))

@@ -62,6 +62,14 @@ def check_command_line(config_folder: Path, config_name: str, arguments: Sequenc
             "not an override", where="command line", received=" ".join(texts), fix=str(error).splitlines()[0]
         ) from error
     for override in overrides:
+        if override.is_sweep_override() and not {"-m", "--multirun"} & set(arguments):
+            raise UserError(
+                "several values for one run",
+                where="command line",
+                received=override.input_line,
+                allowed="one value, or -m before the options for a sweep over them",
+                fix="write a text that holds commas in quotes, a list in brackets",
+            )
         _check_choice(config_folder, override)
     single = [_first(override) for override in overrides if not override.key_or_group.startswith("hydra")]
     _check_keys(config_folder, config_name, single)

@@ -15,7 +15,7 @@ from ..errors import UserError, choose
 from ..evaluate.force import reference_force
 from ..models import FrictionEnsemble, FrictionModel
 from ..physics import System
-from .build import Config, build_data, build_model
+from .build import Config, build_data, build_model, seed_of
 
 COVERAGE, NORMAL = 0.95, 1.96  # of the interval, and standard deviations of a normal distribution that hold it
 
@@ -35,7 +35,7 @@ def prepare(cfg: Config, system: System) -> tuple[TrajectoryData, FrictionModel]
     Member k starts from the weights of seed + k. Over noise it has the data of that seed too: it is then the run with
     seed=seed+k.
     """
-    size, seed = size_of(cfg), int(cfg["seed"])
+    size, seed = size_of(cfg), seed_of(cfg)
     data = build_data(cfg, system)
     members: list[FrictionModel] = []
     batches: list[dict[str, dict[str, torch.Tensor]]] = []

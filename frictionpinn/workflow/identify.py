@@ -23,7 +23,8 @@ from ..physics import LAWS
 from ..physics.mechanism import Mechanism
 from .build import Config, build_data, build_system
 from .estimate import ESTIMATORS, estimate
-from .result import commit, versions, write_json
+from .manifest import write_json
+from .result import commit, versions
 from .train import quiet
 from .trajectories import build_trajectories, recorded_trajectories, transferred
 

@@ -16,7 +16,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 
 from ..data.module import TrajectoryData
 from ..errors import UserError
-from .build import Config, build_system, check_pairing
+from .build import Config, build_system, check_pairing, seed_of
 from .callbacks import Progress, Scalars, StopOnNaN
 from .checkpoints import Checkpoints, EveryFew, WholeFiles, bring_best, check_resumable, load_checkpoint, use_best
 from .dashboard import Dashboard
@@ -101,14 +101,6 @@ def announce_compilation(cfg: Config) -> None:
     cache = Path(numerics.__file__).parent / "__pycache__"
     if cfg["data"]["name"] == "simulated" and not any(cache.glob("integrator.*.nbi")):
         log.info("compiling the simulator, once on this machine: about 20 s")
-
-
-def seed_of(cfg: Config) -> int:
-    """The seed, checked."""
-    seed = cfg["seed"]
-    if not isinstance(seed, int) or seed < 0:
-        raise UserError("impossible seed", where="seed", received=repr(seed), allowed="a whole number from 0")
-    return seed
 
 
 def quiet() -> None:
