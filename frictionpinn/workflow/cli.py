@@ -61,8 +61,10 @@ def check_command_line(config_folder: Path, config_name: str, arguments: Sequenc
         raise UserError(
             "not an override", where="command line", received=" ".join(texts), fix=str(error).splitlines()[0]
         ) from error
+    # A preset may ask for a sweep by itself (hydra.mode).
+    many = {"-m", "--multirun"} & set(arguments) or any(item.startswith("experiment=") for item in texts)
     for override in overrides:
-        if override.is_sweep_override() and not {"-m", "--multirun"} & set(arguments):
+        if override.is_sweep_override() and not many:
             raise UserError(
                 "several values for one run",
                 where="command line",
@@ -84,6 +86,7 @@ def check_output(config_folder: Path, config_name: str, arguments: Sequence[str]
     try:
         with initialize_config_dir(str(config_folder), version_base="1.3"):
             config = compose(config_name, overrides=[item for item in overrides if item], return_hydra_config=True)
+            multirun = multirun or str(config.hydra.mode).endswith("MULTIRUN")
             folder = Path(str(config.hydra.sweep.dir if multirun else config.hydra.run.dir))
     except (HydraException, OmegaConfBaseException) as error:
         reason = " ".join(str(error.__cause__ or error).split())
