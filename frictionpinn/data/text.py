@@ -52,9 +52,6 @@ class Lines(io.TextIOBase):
         self._ready = whole[size:]
         return whole[:size]
 
-    def __next__(self) -> str:
-        raise io.UnsupportedOperation("read in pieces")
-
     def _piece(self) -> str:
         ready, self._ready = self._ready, ""
         while not ready:

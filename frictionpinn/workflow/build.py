@@ -226,7 +226,8 @@ def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionMo
     if not model["name"].startswith("pe"):
         return kind(**common)
     law = choose(friction["name"], LAWS, "friction")()
-    start, bounds = complete(law, *(_mapping(friction, key, "friction") for key in ("start", "bounds")), scales)
+    wanted, limits = _mapping(friction, "start", "friction"), _mapping(friction, "bounds", "friction")
+    start, bounds = complete(law, wanted, limits, scales)
     plain = {"name": law.name, "start": start, "bounds": {key: list(value) for key, value in bounds.items()}}
     plain |= {
         "fixed": {key: value for key, value in _mapping(friction, "fixed", "friction").items() if value is not None},
