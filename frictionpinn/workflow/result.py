@@ -25,6 +25,7 @@ from ..physics import LAWS, System
 from .build import Config
 from .dashboard import show_figures, show_hyper_parameters
 from .ensemble import band, member_spread, uncertainty
+from .manifest import write_json as write_json
 
 GRID = 61  # values of velocity and of normal force in the figure of characteristics
 PACKAGES = ("torch", "lightning", "hydra-core", "numpy", "scipy", "sympy", "numba")
