@@ -105,13 +105,13 @@ class TrajectoryData(L.LightningDataModule):
         steps_per_epoch: int = 1,
     ):
         super().__init__()
-        self.recording, self.splits, self.steps_per_epoch = recording, splits, int(steps_per_epoch)
-        if self.steps_per_epoch < 1:
+        self.recording, self.splits, self.steps_per_epoch = recording, splits, steps_per_epoch
+        if isinstance(steps_per_epoch, bool) or not isinstance(steps_per_epoch, int) or steps_per_epoch < 1:
             raise UserError(
                 "impossible number of steps",
                 where="data.steps_per_epoch",
                 received=steps_per_epoch,
-                allowed="at least 1",
+                allowed="at least 1, a whole number",
             )
         self.by_name = {trial.name: trial for trial in trials}
         self.batches: dict[str, dict[str, Tensor]] = {}

@@ -197,7 +197,7 @@ def build_data(cfg: Config, system: System) -> TrajectoryData:
     offline, online = build_smoothing(cfg["smoothing"])
     trials = contact_trials(noisy, system, offline, online, splits["train"])
     _require_force(trials, splits["train"])
-    return TrajectoryData(noisy, trials, splits, int(cfg["data"].get("steps_per_epoch", 1)))
+    return TrajectoryData(noisy, trials, splits, cfg["data"].get("steps_per_epoch", 1))
 
 
 def _require_force(trials: list[ContactTrial], train: list[str]) -> None:
