@@ -27,6 +27,7 @@ class ContactTrial:
         truth: noise-free values of simulated data, for scoring alone.
         measured: the recorded signals as they are.
         smoothed: the recorded signals smoothed in both directions, what was not measured derived.
+        filtered: the same, filtered causally.
     """
 
     name: str
@@ -37,6 +38,7 @@ class ContactTrial:
     truth: dict[str, np.ndarray] = field(default_factory=dict)
     measured: dict[str, np.ndarray] = field(default_factory=dict)
     smoothed: dict[str, np.ndarray] = field(default_factory=dict)
+    filtered: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -62,7 +64,7 @@ def contact_trials(
         rates = {name: backward_difference(trial.t, on[name]) for name in BASE}
         rates["v_slip"] = on["a_slip"]
         off = contact_signals(system, two_sided)
-        trials.append(ContactTrial(trial.name, trial.t, off, on, rates, trial.truth, trial.signals, two_sided))
+        trials.append(ContactTrial(trial.name, trial.t, off, on, rates, trial.truth, trial.signals, two_sided, causal))
     return trials
 
 

@@ -88,6 +88,8 @@ def online_error(candidate: Candidate, trajectory: Trajectory) -> dict[str, Any]
         str(seed): float(np.mean((candidate.online(trial) - trajectory.force) ** 2))
         for seed, trial in trajectory.seen.items()
     }
+    if not np.isfinite(list(by_seed.values())).all():
+        return {"failed": "no force satisfies the equation of motion"}
     unit = squared(trajectory.system.force_unit)
     told: dict[str, Any] = {
         "force_mse": {"value": float(np.median(list(by_seed.values()))), "unit": unit, "by_seed": by_seed}

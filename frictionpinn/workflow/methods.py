@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 
 from ..data.module import TrajectoryData
+from ..evaluate.network_observer import NetworkObserver, applies
 from ..evaluate.observers import Known, identify, observers
 from ..evaluate.simulators import simulators
 from ..evaluate.yardsticks import Candidate, candidates
@@ -38,6 +39,9 @@ def build_methods(
     """
     train = data.select("train")
     found = candidates(model, system, train, int(cfg["substeps"]), cfg.get("integrator"))
+    if applies(system, model):
+        label = f"{model.hparams['name'].upper()} in the equation of motion, corrected"
+        found["network_observer"] = Candidate(label, NetworkObserver(system, model, local.select("train")))
     recording = local.recording.select(local.splits["train"])
     found |= observers(system, recording, _known(cfg, trained, away, home, model, data))
     if trained["data"]["name"] != "simulated":

@@ -71,7 +71,7 @@ def test_an_evaluation_leaves_its_result_figures_and_one_page(run, result):
 def test_every_error_has_its_unit_and_the_online_one_is_the_median_over_seeds(result):
     errors = result["errors"]["Traj. 1"]
     assert list(errors) == [
-        "model", "law", "force_balance", "coulomb", "coulomb_viscous", "observer", "observer_truth",
+        "model", "law", "force_balance", "coulomb", "coulomb_viscous", "network_observer", "observer", "observer_truth",
     ]  # fmt: skip
     online = errors["model"]["online"]["force_mse"]
     assert online["unit"] == "N^2" and set(online["by_seed"]) == {"0", "1", "2"}
@@ -155,7 +155,7 @@ def test_a_measurement_is_compared_with_its_force_balance(quick, csv, tmp_path):
     result = evaluate(configuration(f"run={folder}", *BRIEF))
     assert result["truth"]["friction"] is None and result["reference"] == "force balance, smoothed"
     errors = result["errors"]["trial 2"]
-    assert list(errors) == ["model", "law", "coulomb", "coulomb_viscous", "observer"]
+    assert list(errors) == ["model", "law", "coulomb", "coulomb_viscous", "network_observer", "observer"]
     assert 0 < errors["coulomb"]["online"]["force_mse"]["value"] < 1.0
     assert 0 < errors["coulomb_viscous"]["in_simulation"]["position_rms"]["x"]["value"] < 0.02
     assert set(result["characteristics"]["difference_rms"].values()) == {None}
