@@ -42,7 +42,15 @@ def rows(result: Mapping[str, Any]) -> Iterator[list[str]]:
     units = [readable(result["units"][name]) for name in names]
     heads = [name if unit == "1" else f"{name} ({unit})" for name, unit in zip(names, units, strict=True)]
     force = readable(result["units"]["force_mse"])
-    yield ["estimator", *heads, "time (s)", "processor time (s)", "simulations", f"force error ({force})", "told"]
+    yield [
+        "estimator",
+        *heads,
+        "time (s)",
+        "processor time (s)",
+        "simulations",
+        f"force error ({force})",
+        "seeds complete",
+    ]
     for method, runs in result["methods"].items():
         cells = [_cell(summary(runs, "values", name)) for name in names]
         cells += [_cell(summary(runs, key)) for key in ("seconds", "processor_seconds", "simulations", "force_mse")]
@@ -65,7 +73,7 @@ def table(result: Mapping[str, Any]) -> str:
     widths = [max(len(row[k]) for row in cells) for k in range(len(cells[0]))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
     note = f"median [lowest, highest] over {len(result['seeds'])} seeds; force error: held-out trial simulated"
-    return "\n".join([*lines, note + "; told: seeds in which every parameter was found"])
+    return "\n".join([*lines, note + "; complete: every parameter was found"])
 
 
 def error_against_time(results: Mapping[str, Mapping[str, Any]]) -> Figure:

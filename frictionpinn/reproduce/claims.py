@@ -32,6 +32,11 @@ def _fidelity(errors: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
         if label:
             claim = f"In simulation PE1 is more faithful than what simulators use: {label}"
             yield _ordered(claim, errors, "in_simulation", "pe1", key)
+    if any("identified" in methods for methods in errors.values()):
+        claim = "Beyond the paper: online an observer with identified LuGre friction is better than PE2"
+        yield _ordered(claim, errors, "online", "identified", "pe2")
+        claim = "Beyond the paper: in simulation identified LuGre friction is more faithful than PE1"
+        yield _ordered(claim, errors, "in_simulation", "identified", "pe1")
 
 
 def _ordered(claim: str, errors: Mapping[str, Any], kind: str, better: str, worse: str) -> tuple[str, str, str]:

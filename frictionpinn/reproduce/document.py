@@ -72,7 +72,7 @@ def _errors(methods: Mapping[str, Any]) -> str:
     for kind in KINDS.values():
         heads += [f"{kind}, N²", "published"]
     body = []
-    for row in methods.values():
+    for row in sorted(methods.values(), key=lambda row: not row["model"]):
         cells = [row["label"]]
         for kind in KINDS:
             cell = row.get(kind)

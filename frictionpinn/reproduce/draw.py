@@ -18,7 +18,8 @@ SHADES = {"online": INK["baseline"], "in_simulation": INK["model"]}
 
 def errors_figure(errors: Mapping[str, Any]) -> Figure:
     """Mean square error of every method, a panel for each trajectory; bars are medians, whiskers the seeds' range."""
-    labels = {name: row["label"] for methods in errors.values() for name, row in methods.items()}
+    found = {name: row for methods in errors.values() for name, row in methods.items()}
+    labels = {name: row["label"] for name, row in sorted(found.items(), key=lambda item: not item[1]["model"])}
     figure = Figure(figsize=(3.4 + 4.2 * len(errors), 1.2 + 0.42 * len(labels)), layout="constrained")
     panels = figure.subplots(1, len(errors), sharex=True, sharey=True, squeeze=False)[0]
     for axis, (trajectory, methods) in zip(panels, errors.items(), strict=True):
