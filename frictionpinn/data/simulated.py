@@ -12,6 +12,7 @@ from ..errors import UserError, choose, nearest
 from ..numerics.paths import InputPath
 from ..numerics.simulate import Simulator
 from ..physics import LAWS, System
+from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
 from .excitation import parse_expression
 from .recording import Recording, Trial
@@ -20,17 +21,23 @@ _OWN_KEYS = ("name", "duration", "initial", "constants")
 
 
 def simulate_recording(
-    system: System, friction: str, truth: Mapping[str, float], trials: Sequence[Mapping[str, Any]], rate_hz: float
+    system: System,
+    friction: str,
+    truth: Mapping[str, float],
+    trials: Sequence[Mapping[str, Any]],
+    rate_hz: float,
+    effects: Sequence[str | Effect] = (),
 ) -> Recording:
     """Simulate trials without noise.
 
     Args:
         system: the mechanism's system, with its parameters' values.
         friction: name of the friction law that acts.
-        truth: the law's parameters, SI units.
+        truth: parameters of the law and of the effects, SI units; an effect whose strength is not given does nothing.
         trials: each has ``duration`` (s), an expression of time for every driven coordinate (its position) and, where
             there are any, inputs; optionally ``initial`` (state name -> value), ``constants`` and ``name``.
         rate_hz: samples per second.
+        effects: what acts beside system and law, by name or made already.
 
     Returns:
         Recording with every coordinate's position, velocity and acceleration and the inputs used; ``truth`` holds
@@ -40,8 +47,9 @@ def simulate_recording(
         UserError: an unknown signal, a missing path, parameters out of range, contact lost.
     """
     law = choose(friction, LAWS, "data.friction")()
-    check_truth(law, truth)
-    return simulate_trials(Mechanism(system, law), truth, trials, rate_hz)
+    mechanism = Mechanism(system, law, tuple(effects))  # type: ignore[arg-type]
+    check_truth(mechanism, truth)
+    return simulate_trials(mechanism, truth, trials, rate_hz)
 
 
 def simulate_trials(
@@ -72,9 +80,11 @@ def simulate_trials(
     return Recording(tuple(result), units, f"simulated {mechanism.name}", digest.hexdigest())
 
 
-def check_truth(law, truth: Mapping[str, float]) -> None:
-    """Raise :class:`UserError` for parameters that the law has not, lacks, or that are out of range."""
-    names = [par.name for par in law.parameters]
+def check_truth(mechanism: Mechanism, truth: Mapping[str, float]) -> None:
+    """Raise :class:`UserError` for parameters that law and effects have not, lack, or that are out of range."""
+    law, own = mechanism.law, {par.name for par in mechanism.system.parameters}
+    parameters = [par for par in mechanism.parameters if par.name not in own]
+    names = [par.name for par in parameters]
     for name in truth:
         if name not in names:
             raise UserError(
@@ -84,7 +94,7 @@ def check_truth(law, truth: Mapping[str, float]) -> None:
                 allowed=", ".join(names),
                 fix=nearest(name, names),
             )
-    for par in law.parameters:
+    for par in parameters:
         value = truth.get(par.name, par.value)
         if value is None or not par.low <= float(value) <= par.high:
             raise UserError(

@@ -154,7 +154,7 @@ class TrialModel:
         The derivatives in the parameters are in their own units, those in the initial bristle in the bristle force's.
         """
         run = self.simulate(p, local, names, joint, **options)
-        model = self._model(run)
+        model = self.predict(run)
         residuals = {name: row - y for name, row, y in zip(self.outputs, model, self.y, strict=True)}
         scale = np.array([sigmas[name] for name in self.outputs])
         r = np.nan_to_num((model - self.y) / scale[:, None])
@@ -163,7 +163,7 @@ class TrialModel:
         cost += 0.5 * float(prior @ prior)
         n_g, n_l, n_s = len(names), self.size(joint), len(self.states)
         if names:
-            J = self._jacobian(run, p, names)
+            J = self.derivatives(run, p, names)
             weight = np.where(np.isnan(self.y), 0.0, loss.weight(r) / scale[:, None] ** 2)
             H, gradient = gram(J.reshape(-1, n_g + n_l), (r * scale[:, None]).reshape(-1), weight.reshape(-1))
             ll, grad_l = H[n_g:, n_g:].copy(), gradient[n_g:].copy()
@@ -194,7 +194,8 @@ class TrialModel:
         ll[np.diag_indices(n_l)] += RELATIVE_FLOOR * (ll.diagonal().max() if n_l else 0.0)
         return Piece(cost, residuals, H[:n_g, :n_g], H[:n_g, n_g:], ll, gradient[:n_g], grad_l)
 
-    def _model(self, run: Simulation) -> np.ndarray:
+    def predict(self, run: Simulation) -> np.ndarray:
+        """What a simulation says of the measured outputs, shape (n_out, n), SI units."""
         return np.stack([run.F if key == "F" else run.signals[key] for key in self.outputs.values()])
 
     def _prior(self, local: np.ndarray) -> np.ndarray:
@@ -203,7 +204,8 @@ class TrialModel:
             return np.zeros(0)
         return local[[self.states.index("z")]] / self.force_scale
 
-    def _jacobian(self, run: Simulation, p: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
+    def derivatives(self, run: Simulation, p: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
+        """Derivatives of the outputs in the parameters ``names``, then in the local unknowns, (n_out, n, n_d)."""
         J = np.ascontiguousarray(np.stack([run.sensitivities[key] for key in self.outputs.values()]))
         if "z" in self.states and "sigma_0" in p:
             column = len(names) + self.states.index("z")

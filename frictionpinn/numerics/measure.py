@@ -121,8 +121,9 @@ class Sensors:
         y = signals[name]
         if name not in self.delays:
             return y, np.zeros_like(y)
+        delay = float(self.delays[name] @ p)
         slope = signals[self.slopes[name]] if name in self.slopes else np.gradient(y, t, axis=0)
-        return shift_samples(t, y, slope, float(self.delays[name] @ p))
+        return shift_samples(t, y, slope, delay) if delay else (y, -slope)
 
 
 def _weights(terms: Mapping[str, float], parameters: tuple[str, ...]) -> np.ndarray:

@@ -137,14 +137,54 @@ class Simulator:
         if not wanted.names:
             return result
         steady = z0 == "steady" and "z" not in y0
-        changes = differentiate(self.kernels, path, vector, states, unknowns, record, wanted, steady)
-        by_truth = self._known(changes, changes["F"])
-        changes |= self._sensors.differentiate(path.t, known, by_truth, vector, wanted.names)
+        changes = self._changes(result, path, known, vector, wanted, steady)
         names = (*sensitivities, *directions)
         if names != wanted.names:
             order = [wanted.names.index(name) for name in names]
             changes = {name: columns[:, order] for name, columns in changes.items()}
         return replace(result, sensitivity_names=names, sensitivities=changes)
+
+    def differentiate(
+        self, run: Simulation, inputs: InputPath, p: Values, sensitivities: Sequence[str], *, steady: bool = True
+    ) -> dict[str, np.ndarray]:
+        """Sensitivities of a simulation at parameters that lead to the same motion.
+
+        So the shape of an effect that is at its neutral strength can be varied without simulating again. Not for
+        parameters that move a state of an effect, or that delay an input.
+
+        Args:
+            run: of this simulator.
+            inputs: its input path.
+            p: parameters, see :meth:`parameters`.
+            sensitivities: names of parameters.
+            steady: whether the initial bristle state was "steady".
+
+        Returns:
+            signal -> derivatives, shape (n, n_sens), see :class:`Simulation`.
+        """
+        vector = self.parameters(p)
+        wanted = self._wanted(sensitivities, {}, inputs, vector)
+        path = self._drive.path(inputs, vector)
+        truth = dict(run.signals)  # what sensors show gives way to what is
+        for j, c in enumerate(self.mechanism.free):
+            truth.update(zip(c.signals, (run.q[:, j], run.v[:, j], run.a[:, j]), strict=True))
+        changes = self._changes(run, path, self._known(truth, run.F), vector, wanted, steady)
+        order = [wanted.names.index(name) for name in sensitivities]
+        return {name: columns[:, order] for name, columns in changes.items()}
+
+    def _changes(
+        self,
+        run: Simulation,
+        path: InputPath,
+        known: dict[str, np.ndarray],
+        p: np.ndarray,
+        wanted: Wanted,
+        steady: bool,
+    ) -> dict[str, np.ndarray]:
+        """Derivatives of everything that a simulation shows, by name."""
+        changes = differentiate(self.kernels, path, p, run.states, run.unknowns, run.steps, wanted, steady)
+        by_truth = self._known(changes, changes["F"])
+        return changes | self._sensors.differentiate(path.t, known, by_truth, p, wanted.names)
 
     def _known(self, signals: Mapping[str, np.ndarray], force: np.ndarray) -> dict[str, np.ndarray]:
         """The signals, and the force of a massless system under its input's name."""
@@ -290,4 +330,4 @@ class Simulator:
         signals = dict(recorded.signals)
         for j, c in enumerate(self.mechanism.free):
             signals.update(zip(c.signals, (q[:, j], v[:, j], a[:, j]), strict=True))
-        return Simulation(path.t, q, v, a, z, zdot, v_slip, normal, friction, signals, record)
+        return Simulation(path.t, q, v, a, z, zdot, v_slip, normal, friction, signals, record, states, unknowns)

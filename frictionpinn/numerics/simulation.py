@@ -60,6 +60,7 @@ class Simulation:
             sensors show them where an effect changes a sensor. With effects, the input of a massless system is its
             predicted force.
         steps: the integrator's steps.
+        states, unknowns: what it solved for, at the samples: (q, v, states of effects, z) and their rates.
         sensitivity_names: what the sensitivities are taken with respect to, in order.
         sensitivities: name -> derivatives, shape (n, n_sens), of every signal of a free coordinate and of ``z``,
             ``zdot``, ``v_slip``, ``N`` and ``F`` (with effects, of a massless system's input too); empty where
@@ -77,5 +78,7 @@ class Simulation:
     F: np.ndarray
     signals: dict[str, np.ndarray]
     steps: Steps
+    states: np.ndarray = field(repr=False, default_factory=lambda: np.zeros((0, 0)))
+    unknowns: np.ndarray = field(repr=False, default_factory=lambda: np.zeros((0, 0)))
     sensitivity_names: tuple[str, ...] = ()
     sensitivities: dict[str, np.ndarray] = field(default_factory=dict)

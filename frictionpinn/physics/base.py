@@ -30,7 +30,8 @@ class Parameter:
         hidden: a place, length, time or speed inside an effect, which says nothing while the effect is neutral: it is
             scanned over ``scan``, and held where there is none.
         scan: values to try, relative to the data.
-        group: parameters of an effect in the same group are tested together (the sine and cosine of one ripple).
+        group: parameters of an effect in the same group are tested together (the sine and cosine of one ripple); a
+            hidden parameter in a group shapes that alone.
     """
 
     name: str

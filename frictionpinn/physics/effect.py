@@ -134,9 +134,11 @@ def strength(name: str, unit: str, text: str, low: float = -math.inf, high: floa
     return Parameter(name, unit, text, 0.0, low, high, neutral=0.0, **more)
 
 
-def hidden(name: str, unit: str, text: str, value: float, scan: Scan | None = None, low: float = 1e-12) -> Parameter:
-    """A parameter that shapes an effect."""
-    return Parameter(name, unit, text, value, low, hidden=True, scan=scan)
+def hidden(
+    name: str, unit: str, text: str, value: float, scan: Scan | None = None, low: float = 1e-12, group: str = ""
+) -> Parameter:
+    """A parameter that shapes an effect, or only one group of its strengths."""
+    return Parameter(name, unit, text, value, low, hidden=True, scan=scan, group=group)
 
 
 V_SIGN = hidden("v_sign", "{L}/s", "transition velocity of the regularised sign in the effects", 1e-4)

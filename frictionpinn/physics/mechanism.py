@@ -123,9 +123,10 @@ class Mechanism:
 
     @cached_property
     def friction(self) -> sp.Expr:
-        """Friction force of law and effects in terms of the motion, z and z'."""
+        """Friction force of law and effects in terms of the motion, z and z'; with the inertia of an imposed motion."""
         force = sp.sympify(self.law.force(self._seen, self.law.symbols))
-        return self._in_motion(sum((e.force(self._seen, self.p, self.law) for e in self.effects), start=force))
+        force = self._in_motion(sum((e.force(self._seen, self.p, self.law) for e in self.effects), start=force))
+        return force + self._replaced(self.system.carried)
 
     @cached_property
     def bristle_rate(self) -> sp.Expr:

@@ -22,7 +22,10 @@ SCALES = {
 
 @dataclass(frozen=True)
 class Scan:
-    """``count`` values from ``low`` to ``high`` times a scale of the data (see ``SCALES``), log or linear spacing."""
+    """``count`` values from ``low`` to ``high`` times a scale of the data (see ``SCALES``).
+
+    Spacing is log, linear, or inverse: even in 1 / value, as wavelengths are told apart.
+    """
 
     of: str
     low: float
@@ -40,17 +43,21 @@ class Scan:
         try:
             scan = cls(**spec)
             space = scan.values({scan.of: (0.0, 1.0)}) if scan.of in SCALES and scan.low <= scan.high else None
-            good = space is not None and space.size > 0 and scan.spacing in ("log", "linear")
+            good = space is not None and space.size > 0 and scan.spacing in ("log", "linear", "inverse")
         except (TypeError, ValueError):
             good = False
         if not good:
-            allowed = f"of ({', '.join(SCALES)}), low, high (not below), count (1 or more), spacing (log, linear)"
+            allowed = (
+                f"of ({', '.join(SCALES)}), low, high (not below), count (1 or more), spacing (log, linear, inverse)"
+            )
             raise UserError("not a scan", where=where, received=dict(spec), allowed=allowed)
         return scan
 
     def values(self, scales: Mapping[str, tuple[float, float]]) -> np.ndarray:
         """The values, SI units, shape (count,); ``scales`` as :func:`data_scales` returns them."""
         offset, size = scales[self.of]
+        if self.spacing == "inverse":
+            return offset + size / np.linspace(1 / self.low, 1 / self.high, self.count)
         space = np.geomspace if self.spacing == "log" else np.linspace
         return offset + size * space(self.low, self.high, self.count)
 

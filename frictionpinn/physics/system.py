@@ -64,7 +64,8 @@ class System:
 
     Attributes:
         driven: coordinates whose motion is prescribed when simulating (the swing of the PoB).
-        massless: the motion is imposed and the force measured: no equation of motion is integrated (damper).
+        massless: the motion is imposed and the force measured: no equation of motion is integrated (damper, or any
+            system of one coordinate with ``imposed``: its inertia then adds to the force that is predicted).
         force_unit, slip_unit: SI units of the friction force and of slip ("N*m" and "rad" for a joint).
         lever: parameter and angle (coordinate) that place a swinging body's centre of mass, where there is one.
     """
@@ -81,7 +82,13 @@ class System:
     lever: tuple[str, str] | None = None
     equations_allowed: tuple[str, ...] = ("lagrange",)
 
-    def __init__(self, equations: str = "lagrange", driven: tuple[str, ...] | None = None, **values: float):
+    def __init__(
+        self,
+        equations: str = "lagrange",
+        driven: tuple[str, ...] | None = None,
+        imposed: bool = False,
+        **values: float,
+    ):
         if equations not in self.equations_allowed:
             raise UserError(
                 "unknown equations",
@@ -96,6 +103,23 @@ class System:
         for name, value in values.items():
             self._check(name, value)
             self.values[name] = float(value)
+        self.imposed = bool(imposed)
+        if self.imposed and not type(self).massless:
+            self._check_imposed()
+            self.massless = True
+
+    def _check_imposed(self) -> None:
+        """Raise :class:`UserError` where the input is not a force along the slip of the only coordinate."""
+        for c in self.moving:
+            u = self.inputs[0].symbol if len(self.inputs) == 1 else sp.Integer(0)
+            if len(self.moving) > 1 or sp.diff(self.residual(c), u) != -1 or self.jacobian[c.name] != 1:
+                raise UserError(
+                    f"the motion of system {self.name} cannot be imposed",
+                    where="system.imposed",
+                    received=True,
+                    allowed="false; true for one coordinate that one measured force moves",
+                    fix="leave system.imposed at false",
+                )
 
     def _check(self, name: str, value: float) -> None:
         table = {par.name: par for par in self.parameters}
@@ -247,9 +271,17 @@ class System:
         return tuple(symbol for c in self.coordinates for symbol in c.symbols)
 
     @cached_property
+    def carried(self) -> sp.Expr:
+        """Force that the imposed motion needs beside friction: its inertia; 0 where nothing is imposed."""
+        if not self.massless or not self.imposed:
+            return sp.Integer(0)
+        (c,) = self.moving
+        return self.residual(c).subs(self.inputs[0].symbol, 0)
+
+    @cached_property
     def acting(self) -> frozenset[sp.Symbol]:
         """Symbols that take part in what a simulation solves: the free coordinates' equations and the contact."""
-        rows = () if self.massless else tuple(self.residual(c) for c in self.free)
+        rows = (self.carried,) if self.massless else tuple(self.residual(c) for c in self.free)
         return frozenset().union(*(sp.sympify(e).free_symbols for e in (self.v_slip, self.N, *rows)))
 
     @cached_property

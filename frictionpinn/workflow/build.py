@@ -50,7 +50,8 @@ def _mapping(cfg: Config, key: str, where: str) -> dict[str, Any]:
 def build_system(cfg: Config) -> System:
     """The system with the values of its parameters."""
     kind = choose(cfg["name"], SYSTEMS, "system")
-    return kind(equations=cfg.get("equations", "lagrange"), **(cfg.get("parameters") or {}))
+    imposed = bool(cfg.get("imposed", False))
+    return kind(equations=cfg.get("equations", "lagrange"), imposed=imposed, **(cfg.get("parameters") or {}))
 
 
 def build_noise(cfg: Config) -> Noise:
@@ -93,8 +94,9 @@ def check_pairing(cfg: Config) -> None:
 def build_recording(cfg: Config, system: System) -> Recording:
     """The recording before noise is added: simulated, from files, or a public set."""
     if cfg["name"] == "simulated":
-        obeyed = simulated_system(cfg, system)
-        return simulate_recording(obeyed, cfg["friction"], cfg["truth"], cfg["trials"], float(cfg["rate_hz"]))
+        obeyed, effects = simulated_system(cfg, system), cfg.get("effects") or {}
+        truth = dict(cfg["truth"]) | {k: v for table in effects.values() for k, v in (table or {}).items()}
+        return simulate_recording(obeyed, cfg["friction"], truth, cfg["trials"], float(cfg["rate_hz"]), tuple(effects))
     if cfg["name"] == "csv":
         return _from_files(cfg, system)
     return load_public(cfg["name"], **(cfg.get("options") or {}))

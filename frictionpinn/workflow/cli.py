@@ -134,7 +134,7 @@ def _check_choice(config_folder: Path, override: Override) -> None:
     if override.is_delete():
         raise UserError("cannot be left out", where=override.key_or_group, allowed=", ".join(valid))
     for value in _values(override):
-        if str(value) not in valid and not (value is None and override.key_or_group == "experiment"):
+        if str(value) not in valid and not (value is None and override.key_or_group in ("experiment", "preset")):
             raise UserError(
                 "unknown option",
                 where=override.key_or_group,

@@ -8,6 +8,7 @@ import pytest
 from frictionpinn.data.simulated import check_truth, simulate_recording
 from frictionpinn.errors import UserError
 from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
 
 TRUTH = {"sigma_0": 1e5, "sigma_1": 316.23, "sigma_2": 0.4, "mu_c": 0.3, "mu_s": 0.6, "v_s": 1e-3}
 SWING = {"duration": 0.5, "theta": "50*deg*sin(w*t)", "constants": {"w": 6.0}}
@@ -95,4 +96,5 @@ def test_impossible_trials_are_named(trial, message):
 def test_every_law_accepts_its_own_parameters(name):
     typical = {"sigma_0": 1e4, "sigma_1": 100.0, "sigma_2": 0.4, "mu_c": 0.3, "mu_s": 0.5, "v_s": 0.01, "v_t": 0.01}
     law = LAWS[name]()
-    check_truth(law, {par.name: typical.get(par.name, par.value) for par in law.parameters})
+    mechanism = Mechanism(SYSTEMS["pob"](), law)
+    check_truth(mechanism, {par.name: typical.get(par.name, par.value) for par in law.parameters})

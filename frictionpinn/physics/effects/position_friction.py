@@ -20,8 +20,8 @@ class PositionFriction(Effect):
     parameters = (
         strength("position_gradient", "1/{L}", "relative change of dry friction along the stroke", group="gradient"),
         strength("position_bump", "1", "relative change of dry friction at one place", -1.0, group="bump"),
-        hidden("position_place", "{L}", "that place", 0.0, Scan("place", 0.05, 0.95, 10, "linear"), -1e9),
-        hidden("position_width", "{L}", "half width of the place", 0.1, Scan("stroke", 0.05, 0.5, 4)),
+        hidden("position_place", "{L}", "that place", 0.0, Scan("place", 0.05, 0.95, 10, "linear"), -1e9, "bump"),
+        hidden("position_width", "{L}", "half width of the place", 0.1, Scan("stroke", 0.05, 0.5, 4), group="bump"),
     )
 
     def applies(self, system, law, others=()):

@@ -23,7 +23,7 @@ class Ripple(Effect):
         strength("ripple_cos", "{F}", "cosine amplitude of a periodic force", group="force"),
         strength("ripple_friction_sin", "1", "sine share of dry friction", -1.0, 1.0, group="friction"),
         strength("ripple_friction_cos", "1", "cosine share of dry friction", -1.0, 1.0, group="friction"),
-        hidden("ripple_wavelength", "{L}", "wavelength", 1e-2, Scan("stroke", 5e-3, 2.0, 40)),
+        hidden("ripple_wavelength", "{L}", "wavelength", 1e-2, Scan("stroke", 9e-3, 2.0, 222, "inverse")),
     )
 
     def applies(self, system, law, others=()):

@@ -1,0 +1,108 @@
+"""Table and figure of benchmarks/blind.py, from the cases in benchmarks/results/blind*.json."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from blind import FAINT, NAMED, RESULTS, UNNAMED, right
+from matplotlib.figure import Figure
+
+COMMAND = "python benchmarks/blind.py"
+
+
+def report(cases: list[dict], power: bool = False) -> None:
+    """Write the text table and the figure."""
+    if power:
+        _power(cases)
+        return
+    kinds = list(dict.fromkeys(c["kind"] for c in cases))
+    lines = [f"{COMMAND}: {len(cases)} blind recordings, the pendulum on a box, 5 % noise on all signals, sizes 3 to 5 % of "
+             "the friction force", "", f"{'truth':34s} {'right':>9s} {'inside 95 %':>12s} {'after/floor':>12s} {'s':>6s}  "
+             "answers"]  # fmt: skip
+    for kind in kinds:
+        own = [c for c in cases if c["kind"] == kind]
+        good = sum(map(right, own))
+        inside = [v for c in own if right(c) for v in c.get("inside", {}).values()]
+        ratio = [max(v for n, v in c["errors"].items() if n != "friction_force") for c in own if "errors" in c]
+        seconds = [c["diagnosis_s"] for c in own if "diagnosis_s" in c]
+        told = Counter(_answer(c) for c in own)
+        answers = ", ".join(f"{n} {a}" for a, n in told.most_common(4))
+        lines.append(
+            f"{kind:34s} {good:4d}/{len(own):<4d} {f'{sum(inside)}/{len(inside)}' if inside else '':>12s} "
+            f"{np.median(ratio) if ratio else np.nan:12.3f} {np.median(seconds) if seconds else np.nan:6.1f}  {answers}"
+        )
+    clean = [c for c in cases if c["kind"].startswith("clean")]
+    alarms = sum(not right(c) for c in clean)
+    named = [c for c in cases if c["kind"] in NAMED and c["kind"] not in FAINT]
+    wrong = [c for c in cases if c["kind"] in UNNAMED and c.get("verdict") == "effect found"]
+    lines += ["", f"false alarms {alarms} of {len(clean)}; named effects right {sum(map(right, named))} of {len(named)}; "
+              f"a name given to what has none {len(wrong)} of {sum(c['kind'] in UNNAMED for c in cases)}"]  # fmt: skip
+    text = "\n".join(lines) + "\n"
+    (RESULTS / "blind.txt").write_text(text)
+    print(text)
+    _figure(cases, kinds)
+
+
+def _answer(case: dict) -> str:
+    if "failed" in case:
+        return "failed"
+    if case["verdict"] == "unexplained":
+        return (
+            "unexplained: "
+            + "/".join((case["depends_on"] or [])[:2])
+            + ("+" + "+".join(case["effects"]) if case["effects"] else "")
+        )
+    return "+".join(case["effects"]) or "nothing"
+
+
+def _figure(cases: list[dict], kinds: list[str]) -> None:
+    answers = list(dict.fromkeys([*(k for k in kinds if k in NAMED), "nothing", "unexplained", "several"]))
+    table = np.zeros((len(kinds), len(answers)))
+    for c in cases:
+        name = "failed" if "failed" in c else c["verdict"]
+        if name == "effect found":
+            name = c["effects"][0] if len(c["effects"]) == 1 else "several"
+        name = {"nothing missing": "nothing"}.get(name, name)
+        if name not in answers:
+            answers.append(name)
+            table = np.column_stack([table, np.zeros(len(kinds))])
+        table[kinds.index(c["kind"]), answers.index(name)] += 1
+    table /= np.maximum(table.sum(axis=1, keepdims=True), 1)
+    figure = Figure(figsize=(0.36 * len(answers) + 3.5, 0.28 * len(kinds) + 2.2), layout="constrained")
+    axes = figure.subplots()
+    axes.imshow(table, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    for i, j in zip(*np.nonzero(table), strict=True):
+        axes.text(j, i, f"{100 * table[i, j]:.0f}", ha="center", va="center", fontsize=7,
+                  color="white" if table[i, j] > 0.6 else "black")  # fmt: skip
+    axes.set_xticks(range(len(answers)), [a.replace("_", " ") for a in answers], rotation=90, fontsize=8)
+    axes.set_yticks(range(len(kinds)), [k.replace("_", " ") for k in kinds], fontsize=8)
+    axes.set(xlabel="answer (% of the recordings)", ylabel="truth",
+             title=f"blind diagnosis: {sum(map(right, cases))} of {len(cases)} right")  # fmt: skip
+    figure.savefig(RESULTS / "blind.png", dpi=120)
+
+
+def _power(cases: list[dict]) -> None:
+    shares = sorted({c["share"] for c in cases})
+    lines = [f"{COMMAND} --power: share of recordings in which the effect is named, by its size in % of the friction force",
+             "", f"{'effect':24s}" + "".join(f"{100 * s:8.2f}" for s in shares)]  # fmt: skip
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axes = figure.subplots()
+    for k, kind in enumerate(dict.fromkeys(c["kind"] for c in cases)):
+        rate = [np.mean([right(c) for c in cases if c["kind"] == kind and c["share"] == s] or [np.nan]) for s in shares]
+        lines.append(f"{kind:24s}" + "".join(f"{r:8.2f}" for r in rate))
+        axes.plot(100 * np.array(shares), rate, marker="osv^Dx*"[k % 7], label=kind.replace("_", " "), lw=1)
+    axes.set(xscale="log", xlabel="size, % of the friction force (rms)", ylabel="share of recordings where it is named",
+             title="smallest effects that a diagnosis names")  # fmt: skip
+    axes.legend(fontsize=7, ncols=2, frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
+    (RESULTS / "blind_power.txt").write_text("\n".join(lines) + "\n")
+    figure.savefig(RESULTS / "blind_power.png", dpi=120)
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    which = "blind_power.json" if "--power" in sys.argv else "blind.json"
+    report(json.loads((RESULTS / which).read_text()), "--power" in sys.argv)

@@ -1,0 +1,34 @@
+"""What a declared model lacks: ``python diagnose.py system=pob data=csv data.path=run.csv``; see conf/diagnose.yaml."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+
+from frictionpinn.errors import UserError
+from frictionpinn.workflow import cli
+
+CONFIG = Path(__file__).resolve().parent / "conf"
+failures: list[BaseException] = []
+
+
+@hydra.main(config_path=str(CONFIG), config_name="diagnose", version_base="1.3")
+def main(cfg: DictConfig) -> None:
+    """Diagnose the model and the recording that the configuration names."""
+    from frictionpinn.workflow.diagnose import diagnose
+
+    try:
+        folder = Path(HydraConfig.get().runtime.output_dir)
+        diagnose(OmegaConf.to_container(cfg, resolve=True), folder)  # type: ignore[arg-type]
+    except UserError as error:
+        if cli.full_error():
+            raise
+        cli.fail(error)
+        failures.append(error)
+
+
+if __name__ == "__main__":
+    cli.run(main, CONFIG, "diagnose", failures)

@@ -1,0 +1,315 @@
+"""The declared model and every candidate effect in one compiled mechanism, fitted with whatever is switched on."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..data.recording import Recording
+from ..errors import UserError
+from ..identify.likelihood import find_start, maximum_likelihood
+from ..identify.linear import Rows, linearise, weighted
+from ..identify.problem import Problem, in_parallel
+from ..identify.result import FAILED, Estimate
+from ..identify.solve import State, levenberg_marquardt
+from ..identify.space import Space
+from ..identify.start import default_bounds
+from ..identify.trial import TrialModel
+from ..identify.units import Sizes
+from ..numerics.simulate import ContactLost, Simulation, SimulationFailed, Simulator
+from ..physics.mechanism import Mechanism
+from .noise import outliers
+
+LOUDER = 2.5  # times the noise that differences show, where the model cannot be simulated with that
+LIFT = 0.2  # of the friction force: where a friction that vanished starts anew
+RELAXED = 1e3  # factor by which viscous friction may fall below the bounds of the declared model
+OUTLIERS = 2e-3  # share of lone residuals beyond five standard deviations from which the loss is robust
+REFIT: dict[str, Any] = {"iterations": 40, "decrease": 0.05}
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fit to the trials of a problem.
+
+    Attributes:
+        names: parameters that were estimated.
+        values: all parameters of the tested mechanism by name, SI units.
+        models: of the trials.
+        state: unknowns and cost.
+        sigmas: noise levels that weighted the residuals.
+    """
+
+    names: tuple[str, ...]
+    values: dict[str, float]
+    models: tuple[TrialModel, ...]
+    state: State
+    sigmas: dict[str, float]
+
+    @property
+    def locals(self) -> tuple[np.ndarray, ...]:
+        """Unknowns of each trial."""
+        return self.state.locals
+
+
+class Bench:
+    """Fits of one mechanism with any of its effects to some trials, and checks on others.
+
+    Args:
+        mechanism: as declared.
+        tested: the same with every candidate effect.
+        probed: that with forces that depend on a variable in any way, for a look at what remains.
+        fitted: trials to fit.
+        held_out: trials that no fit sees; may have none.
+        options: of :class:`Problem`.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        tested: Mechanism,
+        probed: Mechanism,
+        fitted: Recording,
+        held_out: Recording,
+        start: Mapping[str, float] | None = None,
+        **options: Any,
+    ):
+        self.mechanism, self.tested = mechanism, tested
+        auto = options.get("loss", "auto") == "auto"
+        options = options | {"loss": "gaussian" if auto else options["loss"]}
+        self.problem = Problem(mechanism, fitted, **options)
+        self.estimate: Estimate = maximum_likelihood(self.problem, start=start)
+        if self.estimate.outcome == FAILED and not options.get("sigmas"):
+            # Coloured noise differs little from sample to sample: it is larger than it seems, and paths that follow it
+            # lose contact.
+            louder = {name: LOUDER * sigma for name, sigma in self.problem.sigmas.items()}
+            self.problem = Problem(mechanism, fitted, **(options | {"sigmas": louder}))
+            self.problem.given = {}
+            self.estimate = maximum_likelihood(self.problem, start=start)
+        if auto and self.estimate.outcome != FAILED and outliers(self.estimate.residuals) > OUTLIERS:
+            options["loss"] = "robust"
+            self.problem = Problem(mechanism, fitted, **options)
+            self.estimate = maximum_likelihood(self.problem, start=start)
+        if self.estimate.outcome == FAILED:
+            raise UserError("the declared model cannot be fitted", where="system, friction", received=mechanism.name,
+                            fix="; ".join(self.estimate.advice))  # fmt: skip
+        self.simulator, self.probe = Simulator(tested), Simulator(probed)
+        self.defaults = {par.name: par.value for par in tested.parameters} | tested.system.values
+        self.declared = tuple(self.problem.names)
+        self.held_out = held_out
+        self.options = options
+
+    @cached_property
+    def sizes(self) -> Sizes:
+        """How large the effects' parameters are on this data."""
+        runs = self.simulate(self.base())
+        force = float(np.sqrt(np.mean(np.concatenate([run.F for run in runs]) ** 2)))
+        return Sizes(self.tested, self.problem.motions, force)
+
+    @cached_property
+    def checked(self) -> Problem | None:
+        """The problem of the held-out trials; None where there are none."""
+        if not self.held_out.trials:
+            return None
+        return Problem(self.mechanism, self.held_out, **(self.options | {"sigmas": self.estimate.sigmas}))
+
+    # fits ----------------------------------------------------------------------------------------------------
+    def base(self) -> Fit:
+        """The declared model as fitted, on the mechanism that holds the effects at their neutral values."""
+        details = self.estimate.details
+        values = self._complete(self.problem.values(details["state"].u))
+        models = self._equipped(details["models"])
+        state = details["state"]
+        locals_ = tuple(
+            _longer(x, old, new) for x, old, new in zip(state.locals, details["models"], models, strict=True)
+        )
+        return Fit(self.declared, values, models, replace(state, locals=locals_), dict(self.estimate.sigmas))
+
+    def _equipped(self, models: Sequence[TrialModel]) -> tuple[TrialModel, ...]:
+        """Models on the tested mechanism; where an effect brings a bristle, its initial state is unknown as well."""
+        if self.mechanism.memory or not self.tested.memory:
+            return tuple(replace(model, simulator=self.simulator) for model in models)
+        stroke = self.problem.scales.sizes.scales["stroke"][1]
+        return tuple(
+            replace(model, simulator=self.simulator, states=(*model.states, "z"), start=model.start | {"z": 0.0},
+                    force_scale=0.25 * stroke)
+            for model in models
+        )  # fmt: skip
+
+    def _complete(self, values: Mapping[str, float]) -> dict[str, float]:
+        return {k: float(v) for k, v in (self.defaults | dict(values)).items() if v is not None}
+
+    def _problem(
+        self,
+        problem: Problem,
+        names: Sequence[str],
+        values: Mapping[str, float],
+        limits: Mapping[str, tuple[float, float]] | None = None,
+    ) -> Problem:
+        """The problem with these parameters free, the others held at their values."""
+        made = copy.copy(problem)
+        made.mechanism, made.simulator = self.tested, self.simulator
+        made.fixed = {name: value for name, value in values.items() if name not in names}
+        bounds = {
+            name: (low, high)
+            for name, low, high in zip(problem.space.names, problem.space.low, problem.space.high, strict=True)
+        }
+        if "sigma_2" in bounds:  # viscous friction absorbs much of what is missing: it must be free to go
+            low, high = bounds["sigma_2"]
+            bounds["sigma_2"] = (low / RELAXED, high)
+        bounds |= dict(limits or {})
+        table = {par.name: par for par in self.tested.parameters}
+        scales = replace(problem.scales, start={name: values[name] for name in names}, sizes=self.sizes)
+        sizes = {name: self.sizes.of(table[name]) for name in names}
+        made.space = Space.build(self.tested, names, default_bounds(self.tested, scales, bounds), made.fixed, sizes)
+        made.shapes = ()
+        made.names = made.space.names
+        return made
+
+    @cached_property
+    def starts(self) -> list[dict[str, float]]:
+        """Parameters of the declared model from short windows, where what is missing does not add up: best first."""
+        found = find_start(self.problem)
+        return [
+            dict(zip(self.declared, self.problem.space.to_values(s.state.u).tolist(), strict=True)) for s in found[:1]
+        ]
+
+    def refit(
+        self,
+        fit: Fit,
+        names: Sequence[str],
+        values: Mapping[str, float],
+        sigmas: Mapping[str, float] | None = None,
+        limits: Mapping[str, tuple[float, float]] | None = None,
+    ) -> Fit | None:
+        """Estimate ``names`` anew from these values and the fit's unknowns of the trials; None where that fails."""
+        values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
+        problem = self._problem(self.problem, names, values, limits)
+        u = problem.space.to_search(np.array([values[name] for name in problem.names]))
+
+        def evaluate(u, locals_, derivatives, **options):
+            return problem.evaluate(fit.models, u, locals_, derivatives, sigmas=sigmas, **options)
+
+        first = evaluate(u, fit.locals, True)
+        if first is None:
+            return None
+        found = levenberg_marquardt(evaluate, first, problem.space.limits, **REFIT)
+        return Fit(problem.names, problem.values(found.state.u), fit.models, found.state, sigmas)
+
+    def lifted(self, values: Mapping[str, float]) -> dict[str, float] | None:
+        """Values with Coulomb and viscous friction that vanished brought back, None where neither did.
+
+        What is missing may have pushed them out, and from nothing no search in their logarithm returns.
+        """
+        base = self.sizes.base
+        found = {}
+        for name, unit in (("mu_c", self.sizes.scales["load"][1]), ("sigma_2", self.sizes.scales["speed"][1])):
+            if name in self.declared and values[name] * unit < 1e-2 * base["{F}"]:
+                found[name] = LIFT * base["{F}"] / unit
+        return dict(values) | found if found else None
+
+    def clip(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values moved inside the physical limits of their parameters."""
+        limits = {par.name: (par.low, par.high) for par in self.tested.parameters}
+        return {name: min(max(value, limits[name][0]), limits[name][1]) for name, value in values.items()}
+
+    def search(self, fit: Fit) -> Fit | None:
+        """Estimate the fit's parameters anew from all starts; None where nothing better is found."""
+        problem = self._problem(self.problem, fit.names, fit.values)
+        problem.trials = self._equipped(problem.trials)
+        problem.motions = [
+            replace(motion, model=replace(motion.model, simulator=self.simulator)) for motion in problem.motions
+        ]
+        start = {name: fit.values[name] for name in problem.names}
+        problem.start, problem.given = start, dict(fit.sigmas)
+        problem.sigmas = dict(fit.sigmas)
+        found = maximum_likelihood(problem, start=start)
+        if found.outcome == FAILED or not found.cost < fit.state.cost:
+            return None
+        details = found.details
+        values = problem.values(details["state"].u)
+        return Fit(problem.names, values, details["models"], details["state"], dict(fit.sigmas))
+
+    def check(self, fit: Fit) -> Fit | None:
+        """The held-out trials with the fit's parameters: only their own unknowns are estimated."""
+        if self.checked is None:
+            return None
+        problem = self._problem(self.checked, fit.names, fit.values)
+        models = self._equipped(self.checked.trials)
+        u = problem.space.to_search(np.array([fit.values[name] for name in problem.names]))
+        bristle = _with_bristle(problem, models, u)
+
+        def evaluate(u, locals_, derivatives, **options):
+            return problem.evaluate(bristle, u, locals_, derivatives, sigmas=fit.sigmas, **options)
+
+        first = evaluate(u, [model.local[: model.size(problem.joint)] for model in bristle], True)
+        if first is None:
+            return None
+        found = levenberg_marquardt(evaluate, first, (u, u), **REFIT)
+        return Fit(fit.names, fit.values, bristle, found.state, fit.sigmas)
+
+    # what a fit leaves ---------------------------------------------------------------------------------------
+    def derivatives(
+        self, fit: Fit, names: Sequence[str], values: Mapping[str, float], runs: Sequence[Simulation] | None
+    ) -> list[Rows]:
+        """As :meth:`linearise`, in the outputs alone and without the trials' own unknowns.
+
+        ``runs`` are the fit's simulations where these values do not move them; else it is simulated anew.
+        """
+        p = fit.values | dict(values)
+
+        def work(k: int) -> Rows:
+            model, local = fit.models[k], fit.locals[k]
+            path = model.path(local)
+            if runs is None:
+                run = self.simulator.simulate(model.t, path, p, model.initial(p, local), z0="steady",
+                                              sensitivities=names)  # fmt: skip
+                changes = run.sensitivities
+            else:
+                changes = self.simulator.differentiate(runs[k], path, p, names, steady="z" not in model.start)
+            J = np.stack([changes[key] for key in model.outputs.values()])
+            return weighted(model, fit.state.pieces[k].residuals, J, fit.sigmas, self.problem.loss)
+
+        return in_parallel(work, [len(model.t) for model in fit.models])
+
+    def simulate(self, fit: Fit) -> list[Simulation]:
+        """Every trial at the fit."""
+        return in_parallel(
+            lambda k: fit.models[k].simulate(fit.values, fit.locals[k]), [len(model.t) for model in fit.models]
+        )
+
+    def linearise(
+        self, fit: Fit, names: Sequence[str], values: Mapping[str, float] | None = None, probed: bool = False
+    ) -> list[Rows]:
+        """Weighted residuals of every trial, and their derivatives in ``names``, at the fit or with other values."""
+        p, simulator = fit.values | dict(values or {}), self.probe if probed else self.simulator
+
+        def work(k: int) -> Rows:
+            model = replace(fit.models[k], simulator=simulator)
+            return linearise(model, p, fit.locals[k], fit.sigmas, self.problem.loss, names, self.problem.joint)
+
+        return in_parallel(work, [len(model.t) for model in fit.models])
+
+
+def _longer(local: np.ndarray, old: TrialModel, new: TrialModel) -> np.ndarray:
+    """A trial's unknowns with those of the states that were added, at their start."""
+    n = len(old.states)
+    added = [new.start[name] for name in new.states[n:]]
+    return np.concatenate([local[:n], added, local[n:]])
+
+
+def _with_bristle(problem: Problem, models: Sequence[TrialModel], u: np.ndarray) -> tuple[TrialModel, ...]:
+    from ..identify.likelihood import with_bristle
+
+    if not problem.mechanism.law.memory:
+        return tuple(models)
+    other = copy.copy(problem)
+    other.trials = tuple(models)
+    try:
+        return with_bristle(other, u)
+    except (ContactLost, SimulationFailed):
+        return tuple(models)

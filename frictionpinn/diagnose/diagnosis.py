@@ -1,0 +1,226 @@
+"""Diagnosis of a declared model: fit, residual, trace, augment, proof on held-out trials, a plain word on the rest."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..data.recording import Recording
+from ..identify.result import Estimate, interval
+from ..physics.mechanism import Mechanism
+from .bench import Bench, Fit
+from .candidates import Candidate, candidates, effects_for
+from .errors import compare, main_signal
+from .observe import ranges, scales, simulations
+from .remainder import Remainder, places, remainders
+from .scan import Remaining, Scanned
+from .select import Accepted, Refused, Selection, Settings, select
+from .unexplained import Unexplained, describe
+
+log = logging.getLogger(__name__)
+
+FOUND, NOTHING, UNEXPLAINED = "effect found", "nothing missing", "unexplained"
+MOSTLY = 0.5  # of the squared error beyond noise: what effects must explain to stand beside a remainder
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What a declared model lacks.
+
+    Attributes:
+        verdict: "effect found", "nothing missing" or "unexplained".
+        accepted: effects that were added, in order.
+        refused: candidates with a reason.
+        unexplained: the significant remainder, or None.
+        values: name -> estimate of the augmented model, SI units; ``ci95`` its 95 % intervals, ``units`` its units.
+        declared: the declared model's estimate.
+        errors: signal -> {quantity, unit, before, after, noise_floor} on ``scored``.
+        scored: "held-out trials", or "fitted trials" where there are none held out.
+        noise: signal -> noise standard deviation, SI units.
+        coloured: signals whose noise is correlated in time.
+        seconds: wall-clock time.
+        settings: thresholds.
+    """
+
+    verdict: str
+    accepted: tuple[Accepted, ...]
+    refused: tuple[Refused, ...]
+    unexplained: Unexplained | None
+    values: dict[str, float]
+    ci95: dict[str, tuple[float, float]]
+    units: dict[str, str]
+    declared: Estimate
+    errors: dict[str, Any]
+    scored: str
+    noise: dict[str, float]
+    coloured: tuple[str, ...]
+    seconds: float
+    settings: Settings
+    bench: Bench = field(repr=False)
+    selection: Selection = field(repr=False)
+    before: Fit = field(repr=False)
+    after: Fit = field(repr=False)
+
+    @property
+    def main(self) -> str:
+        """The signal by which the error is quoted first."""
+        return main_signal(self.bench.mechanism.system, self.errors)
+
+
+def diagnose(
+    mechanism: Mechanism,
+    fitted: Recording,
+    held_out: Recording | None = None,
+    *,
+    effects: Sequence[str] | None = None,
+    settings: Settings | None = None,
+    start: Mapping[str, float] | None = None,
+    **options: Any,
+) -> Diagnosis:
+    """Find what a declared model lacks in a recording.
+
+    Args:
+        mechanism: the declared model: a system, a friction law, and effects that are declared already.
+        fitted: trials to fit.
+        held_out: trials that no fit sees: an effect is kept only if they improve.
+        effects: names of the effects to try; None: all that can act.
+        settings: thresholds.
+        start: start values of parameters, SI units.
+        options: of :class:`frictionpinn.identify.Problem` (free, fixed, bounds, windows, inputs, loss ...).
+
+    Raises:
+        UserError: the declared model cannot be fitted; names or signals that do not fit it.
+    """
+    began, settings = time.perf_counter(), settings or Settings()
+    held_out = held_out or Recording((), fitted.units)
+    bench, kinds, probes = _bench(mechanism, fitted, held_out, effects, start, options)
+    base = bench.base()
+    runs = simulations(bench, base)
+    system = mechanism.system
+    options_ = candidates(kinds, system, mechanism.law, scales(system, runs))
+    declared = {par.name for e in mechanism.effects for par in e.parameters_on(system, mechanism.law)}
+    options_ = tuple(c for c in options_ if not declared & set(c.strengths))
+    covered = ranges(system, probes, runs)
+    where = {k: v for r in probes for k, v in places(r, covered[r.variable]).items()}
+    log.info(f"{len(options_)} candidates of {len({c.effect for c in options_})} effects, "
+             f"{sum(len(c.grid) for c in options_)} shapes")  # fmt: skip
+    selection = select(bench, options_, probes, where, settings)
+    verdict, rest, fit, scanned = _judge(bench, selection, probes, where, covered, settings)
+    accepted = tuple(selection.accepted) if fit is selection.fit else ()
+    refused = _reasons(selection, options_, accepted, settings)
+    values, ci95 = _intervals(bench, fit, scanned)
+    before, after = bench.check(base), bench.check(fit)
+    scored = "held-out trials"
+    if before is None or after is None:
+        before, after, scored = base, fit, "fitted trials"
+    units = {name: bench.tested.units[name] for name in fit.names}
+    return Diagnosis(
+        verdict, accepted, refused, rest, values, ci95, units, bench.estimate,
+        compare(bench, before, after, scanned.sigmas), scored, scanned.sigmas, scanned.noise.coloured,
+        time.perf_counter() - began, settings, bench, selection, before, after,
+    )  # fmt: skip
+
+
+def _bench(
+    mechanism: Mechanism,
+    fitted: Recording,
+    held_out: Recording,
+    names: Sequence[str] | None,
+    start: Mapping[str, float] | None,
+    options: Mapping[str, Any],
+) -> tuple[Bench, Sequence[Any], tuple[Remainder, ...]]:
+    """The fitted declared model beside every candidate."""
+    system, law = mechanism.system, mechanism.law
+    kinds = effects_for(system, law, names)
+    present = {e.name for e in mechanism.effects}
+    every = (*mechanism.effects, *(e for e in kinds if e.name not in present))
+    probes = remainders(system)
+    tested, probed = Mechanism(system, law, every), Mechanism(system, law, (*every, *probes))
+    bench = Bench(mechanism, tested, probed, fitted, held_out, start, **options)
+    return bench, kinds, probes
+
+
+def _judge(
+    bench: Bench,
+    selection: Selection,
+    probes: Sequence[Remainder],
+    where: dict[str, float],
+    covered: dict[str, np.ndarray],
+    settings: Settings,
+) -> tuple[str, Unexplained | None, Fit, Scanned]:
+    """Verdict, remainder, and the fit and scan that it is about."""
+    last = [m for m in selection.last.remaining if _significant(m, selection, settings)]
+    if not last:
+        return (FOUND if selection.accepted else NOTHING), None, selection.fit, selection.last
+    if selection.accepted and not _mostly(bench, selection):
+        rest = describe(bench, selection.base, selection.first.remaining, probes, where, covered)
+        return UNEXPLAINED, rest, selection.base, selection.first
+    rest = describe(bench, selection.fit, selection.last.remaining, probes, where, covered)
+    return UNEXPLAINED, rest, selection.fit, selection.last
+
+
+def _mostly(bench: Bench, selection: Selection) -> bool:
+    """Whether the added effects explain most of what noise does not, by the main signal on trials that no fit saw.
+
+    Names that leave a good part to be explained are not the names of it.
+    """
+    pairs = [bench.check(fit) or fit for fit in (selection.base, selection.fit)]
+    errors = compare(bench, pairs[0], pairs[1], selection.last.sigmas)
+    entry = errors[main_signal(bench.mechanism.system, errors)]
+    before, after, floor = (entry[key] ** 2 for key in ("before", "after", "noise_floor"))
+    return before - after > MOSTLY * (before - floor)
+
+
+def _significant(m: Remaining, selection: Selection, settings: Settings) -> bool:
+    return m.log_p + np.log10(len(selection.last.remaining)) < settings.log_p
+
+
+def _reasons(
+    selection: Selection, options: Sequence[Candidate], accepted: Sequence[Accepted], settings: Settings
+) -> tuple[Refused, ...]:
+    """Every candidate that was not added, with why."""
+    taken = {a.candidate.name for a in accepted}
+    result = {r.candidate.name: r for r in selection.refused}
+    for a in selection.accepted:
+        if a.candidate.name not in taken:
+            why = "explains only a part: with it the remainder stays significant"
+            result[a.candidate.name] = Refused(a.candidate, why)
+    final = {t.candidate.name: t for t in selection.last.tested}
+    first = {t.candidate.name: t for t in selection.first.tested}
+    for c in options:
+        if c.name in taken or c.name in result:
+            continue
+        t = final.get(c.name)
+        if t is None:
+            result[c.name] = Refused(c, "beside the effects that were added nothing is left for it")
+        elif t.log_p + np.log10(len(options)) > settings.log_p:
+            early = first.get(c.name)
+            explained = early is not None and early.log_p + np.log10(len(options)) < settings.log_p and accepted
+            why = "explained by the effects that were added" if explained else "not significant"
+            result[c.name] = Refused(c, f"{why} (statistic {t.statistic:.1f}, {t.freedom} degrees of freedom)")
+        else:
+            result[c.name] = Refused(c, "significant, but other candidates explain it better or no more are added")
+    return tuple(result.values())
+
+
+def _intervals(bench: Bench, fit: Fit, scanned: Scanned) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
+    """Estimates and 95 % intervals from the curvature of the likelihood, the noise's colour counted."""
+    normal = scanned.known
+    errors = np.sqrt(np.maximum(normal.covariance.diagonal(), 0.0))
+    table = {par.name: par for par in bench.tested.parameters}
+    values = {name: fit.values[name] for name in fit.names}
+    ci95 = {}
+    for name in fit.names:
+        if name not in normal.names:
+            ci95[name] = (float("nan"), float("nan"))
+            continue
+        par = table[name]
+        ci95[name] = interval(
+            values[name], float(errors[normal.names.index(name)]), par.low >= 0 and par.neutral is None
+        )
+    return values, ci95

@@ -1,0 +1,181 @@
+"""Figures of a diagnosis: what was left, what was tried, what it became."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..evaluate.figures import INK
+from .diagnosis import FOUND, NOTHING, Diagnosis
+from .errors import FORCE
+from .scan import Scanned
+
+MOST_TRIALS, MOST_BARS = 3, 12
+
+
+def draw(folder: Path, d: Diagnosis) -> list[Path]:
+    """Write every figure as PNG; return the files in reading order."""
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn = {"error": error_figure(d), "residual": residual_figure(d), "tried": tried_figure(d),
+             "dependence": dependence_figure(d)}  # fmt: skip
+    if d.unexplained is not None:
+        drawn["remainder"] = remainder_figure(d)
+    paths = []
+    for name, figure in drawn.items():
+        paths.append(folder / f"{name}.png")
+        figure.savefig(paths[-1], dpi=120)
+    return paths
+
+
+def headline(d: Diagnosis) -> str:
+    """The verdict in one sentence, with the error before and after."""
+    entry = d.errors[d.main]
+    change = (f"{entry['quantity']} on {d.scored}: {entry['before']:.3g} {entry['unit']} before, {entry['after']:.3g} "
+              f"after, noise {entry['noise_floor']:.3g}")  # fmt: skip
+    if d.verdict == FOUND:
+        return f"Missing: {' and '.join(name_of(d, k) for k in range(len(d.accepted)))}. {change}"
+    if d.verdict == NOTHING:
+        return f"Nothing is missing that this recording could show. {change}"
+    rest = d.unexplained
+    kind = "friction" if rest and rest.kind == "friction" else "a force"
+    if d.accepted:
+        names = " and ".join(name_of(d, k) for k in range(len(d.accepted)))
+        return f"Missing: {names}; and beyond them {kind} that depends on {_words(d)}, which no name fits. {change}"
+    return f"Something is missing that none of the names fits: {kind} that depends on {_words(d)}. {change}"
+
+
+def name_of(d: Diagnosis, k: int) -> str:
+    """An accepted effect with what the data do not tell from it."""
+    own = d.accepted[k]
+    others = [c.name for c, _ in own.alike]
+    return own.candidate.name + (f" (or {', '.join(others)}: the data do not tell them apart)" if others else "")
+
+
+def _words(d: Diagnosis) -> str:
+    return " or ".join((d.unexplained.depends_on if d.unexplained else ())[:3]).replace("_", " ")
+
+
+def error_figure(d: Diagnosis) -> Figure:
+    """Error over the noise floor, before and after, of every signal."""
+    figure = Figure(figsize=(8, 3.2), layout="constrained")
+    axes = figure.subplots()
+    names = list(d.errors)
+    place = np.arange(len(names))
+    for k, (key, color) in enumerate((("before", INK["baseline"]), ("after", INK["model"]))):
+        ratio = [d.errors[n][key] / max(d.errors[n]["noise_floor"], 1e-300) for n in names]
+        label = "declared model" if k == 0 else "augmented model"
+        bars = axes.barh(place + 0.4 * k, ratio, 0.38, color=color, label=label)
+        labels = [f"{d.errors[n][key]:.3g} {d.errors[n]['unit']}" for n in names]
+        axes.bar_label(bars, labels, padding=3, fontsize=8)
+    axes.axvline(1.0, color=INK["reference"], lw=1, ls="--", label="noise floor")
+    axes.set_yticks(place + 0.2, [n.replace("_", " ") for n in names])
+    axes.invert_yaxis()
+    axes.margins(x=0.2)
+    axes.set(xlabel=f"rms error over the noise floor, {d.scored}", title=_short(d))
+    axes.legend(frameon=False, fontsize=8, loc="lower right")
+    return figure
+
+
+def _short(d: Diagnosis) -> str:
+    if d.verdict == FOUND:
+        return "missing: " + ", ".join(a.candidate.name for a in d.accepted)
+    if d.verdict == NOTHING:
+        return "nothing is missing"
+    names = "".join(f"{a.candidate.name}, " for a in d.accepted)
+    return f"missing: {names}and something that depends on {_words(d)}"
+
+
+def residual_figure(d: Diagnosis) -> Figure:
+    """Residual of the main signal over time on some trials, before and after, with the noise as a band."""
+    name = d.main if d.main != FORCE else next(iter(d.before.state.pieces[0].residuals))
+    trials = [k for k, piece in enumerate(d.before.state.pieces) if name in piece.residuals][:MOST_TRIALS]
+    figure = Figure(figsize=(9, 1.6 + 1.7 * len(trials)), layout="constrained")
+    rows = figure.subplots(len(trials), 1, squeeze=False)[:, 0]
+    unit, sigma = d.errors[name]["unit"], d.noise.get(name, 0.0)
+    for axes, k in zip(rows, trials, strict=True):
+        t = d.before.models[k].t
+        axes.axhspan(-2 * sigma, 2 * sigma, color=INK["band"], label="noise, two standard deviations")
+        axes.plot(t, d.before.state.pieces[k].residuals[name], ".", ms=2.5, color=INK["baseline"], label="declared")
+        axes.plot(t, d.after.state.pieces[k].residuals[name], ".", ms=2.5, color=INK["model"], label="augmented")
+        axes.set(ylabel=f"{name} ({unit})", title=f"trial {d.before.models[k].trial}")
+        axes.title.set_fontsize(9)
+    rows[0].legend(frameon=False, fontsize=8, loc="upper right", ncols=3, markerscale=3)
+    rows[-1].set_xlabel("time (s)")
+    figure.suptitle(f"model minus measurement, {d.scored}", fontsize=11)
+    return figure
+
+
+def tried_figure(d: Diagnosis) -> Figure:
+    """How significant the candidates were at the declared model; what was added in colour."""
+    tested = sorted(d.selection.first.tested, key=lambda t: t.log_p)[:MOST_BARS]
+    taken = {a.candidate.name for a in d.accepted}
+    figure = Figure(figsize=(8, 0.8 + 0.32 * len(tested)), layout="constrained")
+    axes = figure.subplots()
+    values = [max(-t.log_p, 0.1) for t in tested]
+    colors = [INK["model"] if t.candidate.name in taken else INK["baseline"] for t in tested]
+    axes.barh(range(len(tested)), values, color=colors)
+    axes.set_yticks(range(len(tested)), [t.candidate.name.replace("_", " ") for t in tested])
+    axes.invert_yaxis()
+    axes.axvline(threshold(d), color=INK["reference"], lw=1, ls="--")
+    axes.set(xlabel="evidence at the declared model, -log10 of the chance (dashed: threshold)",
+             title="candidates tested" + (", added in red" if taken else ": none was added"))  # fmt: skip
+    axes.set_xscale("log")
+    axes.set_xlim(0.1, 2 * max([*values, threshold(d)]))
+    return figure
+
+
+def threshold(d: Diagnosis) -> float:
+    """-log10 of the chance at which one of all candidates counts."""
+    return -d.settings.log_p + float(np.log10(max(len(d.selection.first.tested), 1)))
+
+
+def dependence_figure(d: Diagnosis) -> Figure:
+    """Whether anything is left, by variable: evidence that the residual depends on it, before and after."""
+    before, after = _by_variable(d.selection.first), _by_variable(d.selection.last)
+    names = list(before)
+    figure = Figure(figsize=(8, 1.2 + 0.4 * len(names)), layout="constrained")
+    axes = figure.subplots()
+    for k, (table, color, label) in enumerate(
+        ((before, INK["baseline"], "declared model"), (after, INK["model"], "augmented model"))
+    ):
+        values = [max(table.get(n, 0.0), 0.1) for n in names]
+        axes.barh(np.arange(len(names)) + 0.4 * k, values, 0.38, color=color, label=label)
+    axes.axvline(-d.settings.log_p, color=INK["reference"], lw=1, ls="--", label="threshold")
+    axes.set_yticks(np.arange(len(names)) + 0.2, [n.replace("_", " ") for n in names])
+    axes.invert_yaxis()
+    axes.set(xlabel="evidence, -log10 of the chance", title="does the residual depend on ...?")
+    axes.set_xscale("log")
+    axes.set_xlim(0.1, 4 * max([*before.values(), *after.values(), -d.settings.log_p]))
+    figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=3)
+    return figure
+
+
+def _by_variable(scanned: Scanned) -> dict[str, float]:
+    result: dict[str, float] = {}
+    for m in scanned.remaining:
+        corrected = max(0.0, -m.log_p - float(np.log10(len(scanned.remaining))))
+        result[m.variable] = max(result.get(m.variable, 0.0), corrected)
+    return dict(sorted(result.items()))
+
+
+def remainder_figure(d: Diagnosis) -> Figure:
+    """Shape of the remainder over the variable that explains most of it."""
+    rest = d.unexplained
+    assert rest is not None
+    figure = Figure(figsize=(7, 3.6), layout="constrained")
+    axes = figure.subplots()
+    axes.fill_between(rest.x, rest.shape - 2 * rest.error, rest.shape + 2 * rest.error, color=INK["band"],
+                      label="two standard errors")  # fmt: skip
+    axes.plot(rest.x, rest.shape, color=INK["model"], label="what is left")
+    axes.axhline(0.0, color=INK["reference"], lw=0.8)
+    system = d.bench.mechanism.system
+    units = {"time": "s", "position": system.slip_unit, "velocity": f"{system.slip_unit}/s",
+             "acceleration": f"{system.slip_unit}/s^2", "normal_force": "N", **system.signal_units}  # fmt: skip
+    what = f"force ({rest.unit})" if rest.kind == "force" else "share of dry friction"
+    name = rest.depends_on[0]
+    axes.set(xlabel=f"{name.replace('_', ' ')} ({units.get(name, '')})", ylabel=what,
+             title=f"no name fits: depends on {_words(d)}" + (f"\n{rest.formula}" if rest.formula else ""))  # fmt: skip
+    axes.legend(frameon=False, fontsize=8)
+    return figure

@@ -1,0 +1,114 @@
+"""The colour of measurement noise: an autoregression of each signal's residuals, and the filter that whitens them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+from statsmodels.stats.diagnostic import acorr_ljungbox
+
+from ..identify.linear import Rows
+
+MOST = 8  # order of the autoregression tried at most
+WHITE = 0.05  # autocorrelation that is left alone: it changes a statistic by less than a tenth
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of each signal: e_t = sum_k a_k e_{t-k} + scale * white.
+
+    Attributes:
+        coefficients: signal -> a, shape (order,); order 0 is white noise.
+        scale: signal -> innovation's standard deviation, in units of the noise level that weighted the residuals.
+        level: signal -> the noise's standard deviation, in the same units.
+    """
+
+    coefficients: dict[str, np.ndarray]
+    scale: dict[str, float]
+    level: dict[str, float]
+
+    @property
+    def coloured(self) -> tuple[str, ...]:
+        """Signals whose noise is correlated in time."""
+        return tuple(name for name, a in self.coefficients.items() if len(a))
+
+    def scaled(self, signals: Sequence[str], values: np.ndarray) -> np.ndarray:
+        """Values, shape (signals, n, ...), in units of each signal's noise."""
+        levels = np.array([self.level.get(name, 1.0) for name in signals])
+        return values / levels.reshape(-1, *[1] * (values.ndim - 1))
+
+    def spread(self, signals: Sequence[str], values: np.ndarray) -> np.ndarray:
+        """W with W'W = C'RC, C the scaled values, shape (signals, n, ...), and R the autocorrelation of the noise.
+
+        R is that of an autoregression driven by white noise: C is passed through it backwards in time.
+        """
+        result = values.copy()
+        for k, name in enumerate(signals):
+            a = self.coefficients.get(name, np.zeros(0))
+            if len(a) and values[k].size:
+                gain = self.scale[name] / self.level[name]
+                denominator = np.concatenate([[1.0], -a])
+                result[k] = gain * lfilter([1.0], denominator, values[k][::-1], axis=0)[::-1]
+        return result
+
+
+def fit_noise(rows: Sequence[Rows], residuals: Sequence[np.ndarray], freedom: float) -> Noise:
+    """Autoregressions by Yule and Walker, the order of each by Akaike's criterion.
+
+    Args:
+        rows: one of each trial: signals, and which samples count.
+        residuals: what is left when everything that a model could explain is taken out, shape (signals, n) each.
+        freedom: degrees of freedom left, over the number of samples.
+    """
+    coefficients, scale, level = {}, {}, {}
+    for name in dict.fromkeys(signal for row in rows for signal in row.signals):
+        own = [r[row.signals.index(name)] for row, r in zip(rows, residuals, strict=True) if name in row.signals]
+        count = max(sum(int(np.count_nonzero(e)) for e in own), 1)
+        gamma = np.array([sum(float(e[lag:] @ e[: len(e) - lag]) for e in own) / count for lag in range(MOST + 1)])
+        a = _autoregression(gamma, count) if gamma[0] > 0 else np.zeros(0)
+        innovation = gamma[0] - float(a @ gamma[1 : len(a) + 1])
+        coefficients[name], scale[name] = a, float(np.sqrt(max(innovation, 1e-12) / freedom))
+        level[name] = float(np.sqrt(max(gamma[0], 1e-12) / freedom))
+    return Noise(coefficients, scale, level)
+
+
+def _autoregression(gamma: np.ndarray, count: int) -> np.ndarray:
+    if np.abs(gamma[1:]).max() < max(WHITE, 4 / np.sqrt(count)) * gamma[0]:
+        return np.zeros(0)
+    best, least = np.zeros(0), count * np.log(gamma[0])
+    for order in range(1, len(gamma)):
+        a = solve_toeplitz(gamma[:order], gamma[1 : order + 1])
+        variance = gamma[0] - float(a @ gamma[1 : order + 1])
+        value = count * np.log(max(variance, 1e-300)) + 2 * order
+        if value < least:
+            best, least = a, value
+    return best
+
+
+def whiteness(residuals: Sequence[np.ndarray], lags: int = 20) -> float:
+    """Smallest p-value of the Ljung-Box test over the given series, Bonferroni-corrected."""
+    values = [
+        float(acorr_ljungbox(r, lags=[min(lags, len(r) // 5)])["lb_pvalue"].iloc[0]) for r in residuals if len(r) > 30
+    ]
+    return min(1.0, min(values, default=1.0) * len(values))
+
+
+def outliers(residuals: Mapping[str, Mapping[str, np.ndarray]]) -> float:
+    """Largest share among the signals of lone residuals beyond five robust standard deviations.
+
+    Lone: with neighbours within three; what a model lacks shows over several samples.
+
+    Args:
+        residuals: trial -> signal -> samples.
+    """
+    shares = [0.0]
+    for name in {name for signals in residuals.values() for name in signals}:
+        rows = [signals[name] for signals in residuals.values() if name in signals]
+        spread = 1.4826 * float(np.nanmedian(np.abs(np.concatenate(rows))))
+        size = [np.abs(np.nan_to_num(r)) / max(spread, 1e-300) for r in rows]
+        lone = sum(int(np.sum((z[1:-1] > 5) & (z[:-2] < 3) & (z[2:] < 3))) for z in size)
+        shares.append(lone / max(sum(len(z) for z in size), 1))
+    return max(shares)

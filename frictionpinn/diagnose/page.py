@@ -1,0 +1,126 @@
+"""The report of a diagnosis: one self-contained page."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import sympy as sp
+from jinja2 import Environment
+
+from ..physics.base import CONTACT
+from ..physics.mechanism import Mechanism
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>Diagnosis of {{ model }}</title><style>
+body {font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222}
+table {border-collapse: collapse; margin: 1rem 0; width: 100%}
+th, td {padding: .3rem .7rem; text-align: right; border-bottom: 1px solid #ddd; font-variant-numeric: tabular-nums}
+th:first-child, td:first-child {text-align: left} td.text {text-align: left}
+img {max-width: 100%} figcaption, p.note {color: #555; font-size: .9rem} figure {margin: 2rem 0}
+.verdict {border-left: 6px solid {{ color }}; padding: .6rem 1rem; background: #f5f6f8; font-size: 1.15rem}
+math {font-size: 1.2rem} pre {background: #f5f6f8; padding: .6rem; overflow-x: auto; font-size: .8rem}
+details {margin: 1rem 0}
+</style></head><body>
+<h1>{{ r.verdict | capitalize }}</h1>
+<p class="verdict">{{ headline }}</p>
+<p class="note">Declared: {{ r.model.system }}, friction {{ r.model.friction }}{% if r.model.declared %} with
+{{ r.model.declared | join(", ") }}{% endif %}. Fitted to trials {{ r.data.fitted | join(", ") }};
+{% if r.data.held_out %}held out, seen by no fit: {{ r.data.held_out | join(", ") }}{% else %}no trial could be held
+out: errors are those of the fitted trials{% endif %}. {{ r.declared.outcome | capitalize }}.</p>
+{{ figure("error", "Error of the simulation over the noise, before and after.") }}
+{% if r.effects %}<h2>What was added</h2>
+<table><tr><th>effect</th><th>parameter</th><th>value</th><th>95 % interval</th>
+<th>evidence, log10 of the chance</th><th>not told apart from</th></tr>
+{% for e in r.effects %}{% for name, p in e.parameters.items() %}<tr><td>{{ e.name if loop.first }}</td>
+<td>{{ name }}</td><td>{{ number(p.value) }} {{ p.unit }}</td>
+<td>{{ number(p.ci95[0]) }} to {{ number(p.ci95[1]) }}</td>
+<td>{{ number(e.evidence.log10_p) if loop.first }}</td>
+<td class="text">{{ e.indistinguishable_from | join(", ") if loop.first }}</td></tr>{% endfor %}{% endfor %}</table>
+{% for e in r.effects %}{% if e.separate %}<p>To tell {{ e.name }} from {{ e.indistinguishable_from | join(", ") }}:
+{{ e.separate }}</p>{% endif %}{% endfor %}{% endif %}
+{% if r.unexplained %}<h2>What no name fits</h2>
+<p>It depends on {{ r.unexplained.depends_on | join(" or ") | replace("_", " ") }}{% if
+r.unexplained.share is not none %}, which explains {{ "%.0f" | format(100 * r.unexplained.share) }} %
+of the remainder on the held-out trials{% endif %}{% if
+r.unexplained.formula %}; in short: {{ r.unexplained.formula }} {{ r.unexplained.unit }}{% endif %}.</p>
+{{ figure("remainder", "The remainder over the variable that explains most of it.") }}{% endif %}
+<h2>The friction force</h2>
+{{ mathml }}
+<details><summary>LaTeX</summary><pre>{{ r.equation | e }}</pre></details>
+<h2>Parameters before and after</h2>
+<table><tr><th>parameter</th><th>declared model</th><th>95 % interval</th><th>augmented model</th>
+<th>95 % interval</th></tr>
+{% for name, p in r.parameters.items() %}<tr><td>{{ name }}{{ " (" + p.unit + ")" if p.unit != "1" }}</td>
+<td>{{ number(p.before.value) if p.before }}</td>
+<td>{{ number(p.before.ci95[0]) + " to " + number(p.before.ci95[1]) if p.before }}</td>
+<td>{{ number(p.value) }}</td><td>{{ number(p.ci95[0]) }} to {{ number(p.ci95[1]) }}</td></tr>{% endfor %}</table>
+<h2>Error before and after, {{ r.error.on }}</h2>
+<table><tr><th>quantity</th><th>before</th><th>after</th><th>noise floor</th></tr>
+{% for e in r.errors.values() %}<tr><td>{{ e.quantity }} ({{ e.unit }})</td><td>{{ number(e.before) }}</td>
+<td>{{ number(e.after) }}</td><td>{{ number(e.noise_floor) }}</td></tr>{% if e.relative %}
+<tr><td>the same, relative</td>
+<td>{{ "%.2f" | format(100 * e.relative.before) }} %</td><td>{{ "%.2f" | format(100 * e.relative.after) }} %</td>
+<td>{{ "%.2f" | format(100 * e.relative.noise_floor) }} %</td></tr>{% endif %}{% endfor %}</table>
+{{ figure("residual", "Model minus measurement. What stays within the band is noise.") }}
+{{ figure("dependence", "Bars beyond the dashed line: the residual still depends on that variable.") }}
+<h2>What was tried</h2>
+{{ figure("tried", "Score tests at the declared model, every value of hidden parameters that was tried counted.") }}
+<details open><summary>{{ r.refused | length }} candidates refused, and why</summary>
+<table><tr><th>candidate</th><th>why</th></tr>
+{% for c in r.refused %}<tr><td>{{ c.name }}</td><td class="text">{{ c.why }}</td></tr>{% endfor %}</table></details>
+<p class="note">Noise: {% for name, s in r.noise.items() %}{{ name }} {{ number(s.value) }} {{ s.unit }}{{ ", " if not
+loop.last }}{% endfor %}{% if r.coloured %}; correlated in time: {{ r.coloured | join(", ") }}{% endif %}.
+Loss: {{ r.loss }}. {{ "%.0f" | format(r.seconds) }} s.</p>
+</body></html>
+"""
+_COLORS = {"effect found": "#d1495b", "nothing missing": "#2a9d8f", "unexplained": "#e9a03b"}
+
+
+def number(value: float | None) -> str:
+    """Four significant digits."""
+    return "?" if value is None else f"{value:.4g}"
+
+
+def write_page(path: Path, result: Mapping[str, Any], headline: str, mathml: str, figures: Sequence[Path]) -> Path:
+    """Write the report."""
+    images = {p.stem: base64.b64encode(p.read_bytes()).decode() for p in figures}
+
+    def figure(name: str, caption: str) -> str:
+        if name not in images:
+            return ""
+        return (f'<figure><img alt="{caption}" src="data:image/png;base64,{images[name]}">'
+                f"<figcaption>{caption}</figcaption></figure>")  # fmt: skip
+
+    page = Environment().from_string(_PAGE)
+    text = page.render(
+        r=result, headline=headline, mathml=mathml, figure=figure, number=number, color=_COLORS[result["verdict"]],
+        model=f"{result['model']['system']}, {result['model']['friction']}",
+    )  # fmt: skip
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def equation(mechanism: Mechanism) -> sp.Eq:
+    """Friction force of the law and its effects as the contact sees them: velocity v, normal force N, bristle z."""
+    seen = mechanism._seen
+    force = sp.sympify(mechanism.law.force(seen, mechanism.law.symbols))
+    force += sum(e.force(seen, mechanism.p, mechanism.law) for e in mechanism.effects)
+    short = {CONTACT.v: sp.Symbol("v"), CONTACT.zdot: sp.Symbol(r"\dot{z}"), CONTACT.s: sp.Symbol("s"),
+             CONTACT.a: sp.Symbol("a")}  # fmt: skip
+    return sp.Eq(sp.Symbol("F"), force.xreplace(short), evaluate=False)
+
+
+def rate_equation(mechanism: Mechanism) -> sp.Eq | None:
+    """z' where there is a bristle."""
+    if not mechanism.memory:
+        return None
+    seen = mechanism._seen
+    if mechanism.law.memory:
+        rate = mechanism.law.bristle_rate(seen, mechanism.law.symbols)
+    else:
+        rate = next(e for e in mechanism.effects if e.memory).bristle_rate(seen, mechanism.p, mechanism.law)
+    short = {CONTACT.v: sp.Symbol("v"), CONTACT.s: sp.Symbol("s"), CONTACT.a: sp.Symbol("a")}
+    return sp.Eq(sp.Symbol(r"\dot{z}"), sp.sympify(rate).xreplace(short), evaluate=False)

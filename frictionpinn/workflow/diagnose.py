@@ -1,0 +1,225 @@
+"""One diagnosis: from a resolved configuration to ``result.json``, figures, a page and an augmented model."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ..data.module import split_trials
+from ..data.recording import Recording, Trial
+from ..diagnose.augmented import save_augmented
+from ..diagnose.diagnosis import Diagnosis
+from ..diagnose.diagnosis import diagnose as run_diagnosis
+from ..diagnose.draw import draw, headline
+from ..diagnose.page import equation, rate_equation, write_page
+from ..diagnose.select import Settings
+from ..errors import UserError, choose
+from ..identify.result import plain
+from ..physics import LAWS
+from ..physics.effects import EFFECTS
+from ..physics.mechanism import Mechanism
+from .build import Config, build_noise, build_recording, build_system, check_pairing
+from .result import commit, versions, write_json
+from .train import seed_of
+
+log = logging.getLogger(__name__)
+
+LAST = 0.3  # of a recording's only trial: held out
+
+
+def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
+    """Diagnose the declared model of ``cfg`` and write everything that a user needs of it to ``folder``.
+
+    Args:
+        cfg: resolved conf/diagnose.yaml.
+        folder: of this diagnosis.
+
+    Returns:
+        What stands in ``result.json``.
+
+    Raises:
+        UserError: anything that the user can mend.
+    """
+    options = checked(cfg)
+    check_pairing(cfg)
+    system = build_system(cfg["system"])
+    law = choose(cfg["friction"]["name"], LAWS, "friction")()
+    recording = build_noise(cfg["noise"])(build_recording(cfg["data"], system), seed_of(cfg))
+    recording = chosen_signals(recording, options["signals"])
+    fitted, held_out = split(recording, cfg["data"])
+    mechanism = Mechanism(system, law, tuple(options["declared"]))
+    log.info(f"diagnosing {mechanism.name} on {recording.source}: fitted to {', '.join(fitted.names)}; held out: "
+             f"{', '.join(held_out.names) or 'none'}")  # fmt: skip
+    settings = Settings(float(options["log10_p"]), int(options["most"]))
+    wanted = {key: options[key] for key in ("inputs", "initial", "windows", "free", "loss")}
+    friction = {key: _given(cfg["friction"].get(key)) for key in ("start", "bounds", "fixed")}
+    effects = None if options["effects"] == "all" else options["effects"]
+    d = run_diagnosis(
+        mechanism, fitted, held_out, effects=effects, settings=settings, start=friction["start"] or None,
+        bounds=friction["bounds"], fixed=friction["fixed"], **wanted,
+    )  # fmt: skip
+    return report(d, cfg, folder, fitted, held_out)
+
+
+def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out: Recording) -> dict[str, Any]:
+    """Write result.json, figures, the page, TensorBoard and the augmented model."""
+    folder.mkdir(parents=True, exist_ok=True)
+    augmented = save_augmented(folder / "augmented.yaml", d, cfg)
+    result = as_dict(d) | {
+        "data": {
+            "source": fitted.source, "sha256": fitted.checksum, "fitted": list(fitted.names),
+            "held_out": list(held_out.names),
+        },
+        "augmented_model": "augmented.yaml",
+        "versions": versions(),
+        "commit": commit(),
+        "config": cfg,
+    }  # fmt: skip
+    equations = [e for e in (equation(augmented), rate_equation(augmented)) if e is not None]
+    result["equation"] = "\n".join(sp.latex(e) for e in equations)
+    paths = draw(folder / "figures", d)
+    result["figures"] = [str(p.relative_to(folder)) for p in paths]
+    write_json(folder / "result.json", result)
+    mathml = "<br>".join(_mathml(e) for e in equations)
+    page = write_page(folder / "report.html", result, headline(d), mathml, paths)
+    dashboard(folder / "tensorboard", d, result, paths)
+    log.info(headline(d))
+    for effect in result["effects"]:
+        for name, p in effect["parameters"].items():
+            log.info(f"  {effect['name']}: {name} = {p['value']:.4g} {p['unit']} "
+                     f"[{p['ci95'][0]:.4g}, {p['ci95'][1]:.4g}]")  # fmt: skip
+    log.info(f"result.json, figures, the augmented model and the page {page.name} are in {folder}")
+    return result
+
+
+def _mathml(e: sp.Eq) -> str:
+    return f'<math display="block">{sp.mathml(e, printer="presentation")}</math>'
+
+
+def as_dict(d: Diagnosis) -> dict[str, Any]:
+    """A diagnosis as plain types: verdict, effects, error, unexplained, refused, parameters."""
+    units, rest = d.units, d.unexplained
+    effects = []
+    for a in d.accepted:
+        names = [n for n in (*a.candidate.strengths, *a.candidate.hidden) if n in d.values]
+        effects.append({
+            "name": a.candidate.effect,
+            "group": a.candidate.group,
+            "parameters": {n: {"value": d.values[n], "unit": units[n], "ci95": [plain(x) for x in d.ci95[n]]}
+                           for n in names},
+            "evidence": {key: plain(float(value)) for key, value in a.evidence.items()},
+            "indistinguishable_from": list(dict.fromkeys(c.effect if c.effect != a.candidate.effect else c.name
+                                                         for c, _ in a.alike)),
+            "separate": separate(a.candidate.effect, [c.effect for c, _ in a.alike]),
+        })  # fmt: skip
+    before = d.declared.to_dict()["parameters"]
+    parameters = {n: {"value": d.values[n], "unit": units[n], "ci95": [plain(x) for x in d.ci95[n]],
+                      "before": before.get(n)} for n in d.values}  # fmt: skip
+    system = d.bench.mechanism.system
+    main = {key: value for key, value in d.errors[d.main].items() if key != "relative"}
+    return {
+        "verdict": d.verdict,
+        "model": {"system": system.title, "friction": d.bench.mechanism.law.name,
+                  "declared": [e.name for e in d.bench.mechanism.effects]},
+        "effects": effects,
+        "error": main | {"on": d.scored},
+        "errors": d.errors,
+        "unexplained": None if rest is None else {
+            "depends_on": list(rest.depends_on), "kind": rest.kind, "share": plain(rest.share),
+            "formula": rest.formula, "unit": rest.unit, "log10_p": plain(rest.log_p),
+            "shape": {"x": rest.x.tolist(), "y": rest.shape.tolist(), "std": rest.error.tolist()},
+        },
+        "refused": [{"name": r.candidate.name, "why": r.why} for r in d.refused],
+        "parameters": parameters,
+        "declared": d.declared.to_dict(),
+        "noise": {name: {"value": s, "unit": system.signal_units.get(name, "")} for name, s in d.noise.items()},
+        "coloured": list(d.coloured),
+        "loss": "robust" if d.bench.problem.loss.robust else "gaussian",
+        "seconds": round(d.seconds, 2),
+    }  # fmt: skip
+
+
+def separate(name: str, others: list[str]) -> str:
+    """The experiments that show an effect and those that it is not told apart from."""
+    if not others:
+        return ""
+    told = {n: EFFECTS[n].said().get("experiment", "") for n in dict.fromkeys((name, *others)) if n in EFFECTS}
+    return "; ".join(f"{n}: {text.rstrip('.')}" for n, text in told.items() if text) + "."
+
+
+def dashboard(folder: Path, d: Diagnosis, result: Mapping[str, Any], figures: list[Path]) -> None:
+    """Errors, evidence and figures for TensorBoard."""
+    import matplotlib.image
+    from torch.utils.tensorboard import SummaryWriter
+
+    with SummaryWriter(str(folder)) as writer:
+        for name, entry in d.errors.items():
+            for step, key in enumerate(("before", "after")):
+                writer.add_scalar(f"error/{name}", entry[key], step)
+        for t in d.selection.first.tested:
+            writer.add_scalar(f"evidence/{t.candidate.name}", -t.log_p, 0)
+        for path in figures:
+            image = matplotlib.image.imread(path)[:, :, :3]
+            writer.add_image(f"diagnosis/{path.stem}", image, dataformats="HWC")
+        writer.add_text("verdict", headline(d))
+
+
+def split(recording: Recording, data: Config) -> tuple[Recording, Recording]:
+    """Trials to fit and to hold out: those named, else the last; the end of the only one where there is one."""
+    if len(recording.trials) == 1 and data.get("held_out") in (None, []):
+        (trial,) = recording.trials
+        first = int(len(trial.t) * (1 - LAST))
+        parts = []
+        for name, part in (("start", slice(0, first)), ("end", slice(first, None))):
+            signals = {key: values[part] for key, values in trial.signals.items()}
+            parts.append(Trial(f"{trial.name} ({name})", trial.t[part], signals))
+        made = [Recording((p,), recording.units, recording.source, recording.checksum) for p in parts]
+        return made[0], made[1]
+    splits = split_trials(recording.names, data.get("held_out"), data.get("validation"))
+    return recording.select(splits["train"]), recording.select(splits["held_out"])
+
+
+def chosen_signals(recording: Recording, names: list[str] | None) -> Recording:
+    """The recording with these signals alone: those that were derived from others carry no news of their own."""
+    if names is None:
+        return recording
+    present = recording.trials[0].signals
+    for name in names:
+        choose(name, dict.fromkeys(present), "diagnose.signals")
+    trials = [replace(t, signals={n: y for n, y in t.signals.items() if n in names}) for t in recording.trials]
+    return replace(recording, trials=tuple(trials))
+
+
+def _given(table: Any) -> dict[str, Any]:
+    return {key: value for key, value in (table or {}).items() if value is not None}
+
+
+def checked(cfg: Config) -> dict[str, Any]:
+    """The section ``diagnose``, its names and numbers checked."""
+    options = dict(cfg["diagnose"])
+    for key in ("effects", "declared"):
+        names = options[key]
+        if key == "effects" and names == "all":
+            continue
+        if not isinstance(names, list):
+            raise UserError("not a list of effects", where=f"diagnose.{key}", received=repr(names),
+                            allowed=("all, " if key == "effects" else "") + "a list such as [drag, delay]")  # fmt: skip
+        for name in names:
+            choose(name, EFFECTS, f"diagnose.{key}")
+    if not isinstance(options["log10_p"], int | float) or not -300 < options["log10_p"] < 0:
+        raise UserError("impossible threshold", where="diagnose.log10_p", received=options["log10_p"],
+                        allowed="a negative number, -2 for 1 %")  # fmt: skip
+    if not isinstance(options["most"], int) or options["most"] < 1:
+        raise UserError("impossible number of effects", where="diagnose.most", received=options["most"],
+                        allowed="at least 1")  # fmt: skip
+    choose(options["loss"], {"auto": 1, "gaussian": 1, "robust": 1}, "diagnose.loss")
+    if options["windows"] is not None and not (np.isfinite(options["windows"]) and options["windows"] > 0):
+        raise UserError("impossible windows", where="diagnose.windows", received=options["windows"],
+                        allowed="null, or a length in s")  # fmt: skip
+    return options
