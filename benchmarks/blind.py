@@ -63,7 +63,7 @@ NAMED: dict[str, tuple[str, dict[str, float], bool]] = {
     "dwell": ("dwell", {"dwell_time": 0.1, "dwell_length": 1e-3}, False),
     "stribeck_shape": ("stribeck_shape", {}, True),
 }
-# What no share of the force tells: the gap and the exponent act in the first micrometres, the others at rest or in time.
+# What no share of the force tells: they act in the first micrometres, at rest, or in time.
 FIXED = {
     "backlash": (2e-6, 2e-5), "dwell": (0.1, 0.5), "stribeck_shape": (0.5, 1.0), "sensor_delay": (1e-3, 3e-3),
 }  # fmt: skip

@@ -1,0 +1,79 @@
+"""Candidates and remainders on every system: what is tried, and that neutral strengths change nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy as sp
+import yaml
+
+from frictionpinn.diagnose.candidates import candidates, effects_for
+from frictionpinn.diagnose.remainder import BUMPS, places, remainders, variables
+from frictionpinn.errors import UserError
+from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.physics.scan import SCALES
+
+ONE = dict.fromkeys(SCALES, (0.0, 1.0))
+
+
+@pytest.mark.parametrize("law", ["lugre", "coulomb_viscous"])
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_every_strength_of_every_effect_is_tried_once(name, law):
+    system, friction = SYSTEMS[name](), LAWS[law]()
+    effects = effects_for(system, friction)
+    made = candidates(effects, system, friction, ONE)
+    strengths = [n for c in made for n in c.strengths]
+    assert len(strengths) == len(set(strengths))
+    known = {par.name for e in effects for par in e.parameters_on(system, friction) if not par.hidden}
+    assert set(strengths) == known
+    assert all(set(c.hidden) <= set(c.grid[0]) for c in made)
+
+
+def test_named_effects_alone_are_tried():
+    system, friction = SYSTEMS["pob"](), LAWS["lugre"]()
+    assert [e.name for e in effects_for(system, friction, ["drag", "ripple"])] == ["ripple", "drag"]
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_remainders_at_neutral_leave_the_equations_as_they_are(name):
+    system, law = SYSTEMS[name](), LAWS["lugre"]()
+    made = remainders(system)
+    assert {r.variable for r in made} == set(variables(system))
+    with_, without = Mechanism(system, law, made), Mechanism(system, law)
+    strengths = {par.symbol: 0 for r in made for par in r.parameters_on(system, law) if not par.hidden}
+    for row, plain in zip(with_.residuals, without.residuals, strict=True):
+        assert sp.simplify(row.xreplace(strengths) - plain) == 0
+
+
+def test_a_force_on_the_hinge_may_depend_on_the_swing_and_on_nothing_that_does_not_act():
+    found = variables(SYSTEMS["pob"]())
+    assert {"time", "position", "velocity", "acceleration", "normal_force", "theta", "omega", "alpha"} == set(found)
+    assert "force" in variables(SYSTEMS["drive"]())
+
+
+def test_bumps_cover_the_range_of_their_variable():
+    (r,) = [r for r in remainders(SYSTEMS["drive"]()) if r.variable == "velocity"]
+    first, step = r.place
+    spread = places(r, np.linspace(-2.0, 3.0, 1000))
+    assert spread[first] == pytest.approx(-2.0, abs=0.05)
+    assert spread[first] + (BUMPS - 1) * spread[step] == pytest.approx(3.0, abs=0.05)
+
+
+def test_the_motion_of_one_coordinate_can_be_imposed_and_then_carries_its_inertia():
+    system = SYSTEMS["drive"](imposed=True, M=2.0)
+    force = Mechanism(system, LAWS["coulomb_viscous"]()).friction
+    assert sp.diff(force, system.coordinates[0].symbols[2]) == sp.Symbol("M", real=True)
+    with pytest.raises(UserError, match="cannot be imposed"):
+        SYSTEMS["pob"](imposed=True)
+
+
+def test_every_effect_has_a_yaml_with_its_scans():
+    from pathlib import Path
+
+    from frictionpinn.physics.effects import EFFECTS
+
+    folder = Path(__file__).resolve().parents[2] / "conf" / "effect"
+    assert {path.stem for path in folder.glob("*.yaml")} == set(EFFECTS)
+    for path in folder.glob("*.yaml"):
+        assert yaml.safe_load(path.read_text())["name"] == path.stem

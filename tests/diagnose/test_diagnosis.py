@@ -1,0 +1,132 @@
+"""Diagnoses of recordings with an effect that the declared model lacks, with none, and with one that has no name."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import sympy as sp
+
+from frictionpinn.data.noise import GaussianNoise
+from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.diagnose.augmented import load_augmented
+from frictionpinn.diagnose.diagnosis import diagnose
+from frictionpinn.errors import UserError
+from frictionpinn.numerics.simulate import Simulator
+from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.effect import Effect, strength
+from frictionpinn.physics.mechanism import Mechanism
+
+ROOT = Path(__file__).resolve().parents[2]
+TRUTH = {"sigma_0": 2e4, "sigma_1": 150.0, "sigma_2": 2.0, "mu_c": 3.0, "mu_s": 4.0, "v_s": 5e-3}
+TRIALS = [
+    {"duration": 2.0, "force": "5*sin(2*pi*t)"},
+    {"duration": 2.0, "force": "8*sin(3*pi*t)"},
+    {"duration": 2.0, "force": "6*sin(2*pi*t + 0.5*sin(2*pi*t))"},
+]
+
+
+def recorded(acting=(), values=None, seed=0, level=0.02):
+    system = SYSTEMS["drive"](M=1.0)
+    clean = simulate_recording(system, "lugre", TRUTH | (values or {}), TRIALS, 300.0, acting)
+    return system, GaussianNoise(level)(clean, seed)
+
+
+def diagnosed(acting=(), values=None, seed=0, **options):
+    system, made = recorded(acting, values, seed)
+    mechanism = Mechanism(system, LAWS["lugre"]())
+    return diagnose(mechanism, made.select(made.names[:2]), made.select(made.names[2:]), **options)
+
+
+class Waves(Effect):
+    """A force that no name covers: it comes and goes with the position."""
+
+    name = "waves"
+    parameters = (strength("waves", "{F}", "size"),)
+
+    def force(self, c, p, law):
+        return p.waves * sp.tanh((c.s - 0.02) / 0.01)
+
+
+def test_an_undeclared_constant_force_is_named_measured_and_proved():
+    d = diagnosed(["constant_force"], {"constant_force": 0.15})
+    assert d.verdict == "effect found"
+    (found,) = d.accepted
+    assert found.candidate.effect == "constant_force"
+    low, high = d.ci95["constant_force"]
+    assert low <= 0.15 <= high and high - low < 0.05
+    entry = d.errors[d.main]
+    assert entry["after"] < 1.1 * entry["noise_floor"] and entry["after"] < entry["before"]
+    assert found.evidence["gain_held_out"] > 0
+
+
+def test_nothing_is_found_where_nothing_is_missing():
+    d = diagnosed(seed=3)
+    assert d.verdict == "nothing missing" and d.accepted == ()
+    assert all(reason.why for reason in d.refused) and len(d.refused) > 10
+
+
+def test_a_force_without_a_name_is_unexplained_and_its_variable_is_said():
+    d = diagnosed([Waves()], {"waves": 0.4}, effects=["drag", "drift"])
+    assert d.verdict == "unexplained"
+    assert "position" in d.unexplained.depends_on[:2]
+    assert d.unexplained.share > 0.5
+
+
+def test_the_command_reads_a_file_and_writes_what_it_promises(tmp_path):
+    _, made = recorded(["asymmetric_viscous"], {"asymmetric_viscous": 1.2}, seed=1)
+    rows = [pd.DataFrame({"trial": t.name, "t": t.t, **t.signals}) for t in made.trials]
+    pd.concat(rows).to_csv(tmp_path / "run.csv", index=False)
+    command = [sys.executable, str(ROOT / "diagnose.py"), "system=drive", "data=csv", "data.path=run.csv"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (folder,) = (tmp_path / "outputs" / "drive" / "diagnosis").iterdir()
+    result = json.loads((folder / "result.json").read_text())
+    assert result["verdict"] == "effect found" and [e["name"] for e in result["effects"]] == ["asymmetric_viscous"]
+    (effect,) = result["effects"]
+    entry = effect["parameters"]["asymmetric_viscous"]
+    assert entry["ci95"][0] <= 1.2 <= entry["ci95"][1] and entry["unit"] == "N*s/m"
+    assert {"quantity", "unit", "before", "after", "noise_floor"} <= set(result["error"])
+    assert result["data"]["held_out"] == ["3"] and result["unexplained"] is None
+    assert all({"name", "why"} == set(entry) for entry in result["refused"])
+    assert "Missing: asymmetric_viscous" in done.stdout
+    page = (folder / "report.html").read_text()
+    assert "<math" in page and page.count("data:image/png") >= 4 and "http" not in page.replace("http://www.w3", "")
+    mechanism, values = load_augmented(folder / "augmented.yaml")
+    t = np.arange(300) / 300.0
+    run = Simulator(mechanism).simulate(t, {"force": 5 * np.sin(6 * t)}, values)
+    assert np.isfinite(run.F).all() and values["asymmetric_viscous"] == pytest.approx(entry["value"])
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("diagnose.effects=[dragg]", "did you mean 'drag'"),
+        ("diagnose.log10_p=3", "a negative number"),
+        ("diagnose.most=0", "at least 1"),
+        ("diagnose.loss=square", "gaussian"),
+        ("diagnose.signals=[velocity]", "diagnose.signals"),
+        ("preset=emp", "emps"),
+    ],
+)
+def test_impossible_options_are_told_in_one_line(tmp_path, override, words):
+    _, made = recorded()
+    rows = [pd.DataFrame({"trial": t.name, "t": t.t, **t.signals}) for t in made.trials]
+    pd.concat(rows).to_csv(tmp_path / "run.csv", index=False)
+    command = [sys.executable, str(ROOT / "diagnose.py"), "system=drive", "data=csv", "data.path=run.csv", override]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and done.stderr.count("error: ") == 1 and words in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_file_that_is_no_augmented_model_is_refused(tmp_path):
+    with pytest.raises(UserError, match="no such friction model"):
+        load_augmented(tmp_path / "none.yaml")
+    (tmp_path / "other.yaml").write_text("name: lugre\n")
+    with pytest.raises(UserError, match="not a friction model"):
+        load_augmented(tmp_path / "other.yaml")

@@ -1,0 +1,126 @@
+"""The score test: what a column would explain beside others, and how the noise's colour counts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
+
+from frictionpinn.diagnose.noise import Noise, fit_noise, outliers
+from frictionpinn.diagnose.score import Columns, Normal, basis, log_p, project
+from frictionpinn.identify.linear import Rows
+
+WHITE = Noise({}, {}, {})
+
+
+def rows(seed: int, n: int = 60, parameters: int = 4, local: int = 2, signals: int = 2) -> Rows:
+    rng = np.random.default_rng(seed)
+    names = tuple("xv"[:signals])
+    return Rows(
+        names,
+        rng.normal(size=(signals, n)),
+        rng.normal(size=(signals, n, parameters)),
+        rng.normal(size=(signals, n, local)),
+    )
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10_000))
+def test_statistic_is_the_drop_of_the_sum_of_squares(seed):
+    trials = [rows(seed), rows(seed + 1)]
+    columns = [Columns.of(trial, WHITE) for trial in trials]
+    normal = Normal.of("abcd", columns)
+    statistic, freedom, step = normal.given("ab").test("cd")
+
+    def least(names: str) -> float:
+        blocks, r = [], []
+        for k, trial in enumerate(trials):
+            size = trial.r.size
+            own = np.zeros((size, 4))
+            own[:, 2 * k : 2 * k + 2] = trial.local.reshape(size, -1)
+            wanted = trial.change.reshape(size, -1)[:, ["abcd".index(n) for n in names]]
+            blocks.append(np.column_stack([wanted, own]))
+            r.append(trial.r.reshape(-1))
+        A, y = np.concatenate(blocks), np.concatenate(r)
+        return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
+
+    assert statistic == pytest.approx(least("ab") - least("abcd"), rel=1e-6)
+    assert freedom == 2 and step.shape == (2,)
+
+
+def test_a_column_that_others_span_tells_nothing():
+    trial = rows(1)
+    change = trial.change.copy()
+    change[:, :, 3] = 2 * change[:, :, 0] - change[:, :, 1]
+    normal = Normal.of("abcd", [Columns.of(Rows(trial.signals, trial.r, change, trial.local), WHITE)])
+    statistic, freedom, _ = normal.given("ab").test("d", normal.A.diagonal()[3:])
+    assert (statistic, freedom) == (0.0, 0)
+
+
+def test_spread_is_that_of_the_noise_colour():
+    a = np.array([0.6, -0.2])
+    innovation = 1.0
+    impulse = lfilter([1.0], [1, *-a], np.eye(1, 4000)[0])
+    gamma = np.array([np.sum(impulse[: 4000 - k] * impulse[k:]) for k in range(50)])
+    noise = Noise({"x": a}, {"x": innovation}, {"x": float(np.sqrt(gamma[0]))})
+    rng = np.random.default_rng(0)
+    C = np.zeros((1, 50, 3))
+    C[0, 15:35] = rng.normal(size=(20, 3))  # away from the ends
+    W = noise.spread(("x",), C)[0]
+    R = toeplitz(gamma / gamma[0])
+    full = lfilter([1.0], [1, *-a], np.concatenate([np.zeros((200, 3)), C[0]])[::-1], axis=0)[::-1] / np.sqrt(gamma[0])
+    assert full.T @ full == pytest.approx(C[0].T @ R @ C[0], rel=1e-3)
+    assert pytest.approx(full[200:], rel=1e-9) == W
+
+
+def test_coloured_noise_gives_no_larger_statistics_than_white():
+    rng = np.random.default_rng(3)
+    n, draws = 400, 300
+    smooth = np.cumsum(rng.normal(size=(1, n, 1)), axis=1)
+    found = []
+    for _ in range(draws):
+        e = lfilter([1.0], [1, -0.8], rng.normal(size=n + 100))[100:]
+        row = Rows(("x",), e[None] * 0.6, smooth, np.zeros((1, n, 0)))
+        noise = fit_noise([row], [row.r], 1.0)
+        normal = Normal.of("a", [Columns.of(row, noise)])
+        found.append(normal.test("a")[0])
+    assert np.mean(np.array(found) > 6.63) < 0.04  # 1 % of chi-squared, where white noise is assumed about 40 %
+
+
+def test_white_noise_is_left_white_and_colour_is_found():
+    rng = np.random.default_rng(0)
+    white = Rows(("x", "v"), rng.normal(size=(2, 3000)), np.zeros((2, 3000, 0)), np.zeros((2, 3000, 0)))
+    assert fit_noise([white], [white.r], 1.0).coloured == ()
+    e = lfilter([1.0], [1, -0.7], rng.normal(size=3000))
+    mixed = Rows(("x", "v"), np.stack([white.r[0], e]), white.change, white.local)
+    noise = fit_noise([mixed], [mixed.r], 1.0)
+    assert noise.coloured == ("v",)
+    assert noise.coefficients["v"][0] == pytest.approx(0.7, abs=0.06)
+    assert noise.level["v"] == pytest.approx(np.std(e), rel=0.05)
+
+
+def test_lone_outliers_are_seen_and_a_missing_effect_is_none():
+    rng = np.random.default_rng(0)
+    clean = rng.normal(size=2000)
+    spiked = clean.copy()
+    spiked[rng.choice(2000, 20, replace=False)] += 12
+    slow = clean + 8 * (np.abs(np.arange(2000) - 1000) < 100)
+    assert outliers({"1": {"x": clean}}) == 0.0
+    assert outliers({"1": {"x": spiked}}) > 0.005
+    assert outliers({"1": {"x": slow}}) < 0.002
+
+
+@given(st.floats(1.0, 1e6), st.integers(1, 8))
+def test_log_p_falls_with_the_statistic_beyond_the_range_of_numbers(statistic, freedom):
+    value, next_value = log_p(statistic, freedom), log_p(2 * statistic, freedom)
+    assert np.isfinite(value) and next_value <= value <= 0
+
+
+def test_basis_leaves_out_dependent_columns():
+    A = np.random.default_rng(0).normal(size=(30, 3))
+    own = basis(np.column_stack([A, A[:, 0] + A[:, 1], np.zeros(30)]))
+    assert own.shape == (30, 3)
+    assert project(own, A) == pytest.approx(np.zeros((30, 3)), abs=1e-10)
