@@ -121,8 +121,8 @@ def share_of(effect: Effect | str, values: dict[str, float]) -> float:
     seen, total, size = made._seen, 0.0, 0.0
     for trial in clean.trials:
         known = {s: trial.signals[n] for c in SYSTEM.moving for s, n in zip(c.symbols, c.signals, strict=True)}
-        known |= {CONTACT.z: trial.truth["z"], CONTACT.zdot: trial.truth["z_rate"], CONTACT.N: trial.truth["normal_force"],
-                  CONTACT.v: trial.truth["v_slip"], made.time: trial.t}  # fmt: skip
+        names = {CONTACT.z: "z", CONTACT.zdot: "z_rate", CONTACT.N: "normal_force", CONTACT.v: "v_slip"}
+        known |= {symbol: trial.truth[name] for symbol, name in names.items()} | {made.time: trial.t}
         numbers = {par.symbol: values.get(par.name, TRUTH.get(par.name, par.value)) for par in made.parameters}
         numbers |= {par.symbol: SYSTEM.values[par.name] for par in SYSTEM.parameters}
         load = _evaluate(seen.N / CONTACT.N - 1, made, known, numbers)
@@ -180,8 +180,8 @@ def recording(kind: str, seed: int, share: float | None = None) -> tuple[Recordi
 
 
 def write_csv(made: Recording, path: Path) -> None:
-    rows = [pd.DataFrame({"trial": t.name, "t": t.t, **{n: t.signals[n] for n in ("x", "v", "a", "theta", "omega", "alpha")}})
-            for t in made.trials]  # fmt: skip
+    names = ("x", "v", "a", "theta", "omega", "alpha")
+    rows = [pd.DataFrame({"trial": t.name, "t": t.t} | {n: t.signals[n] for n in names}) for t in made.trials]
     pd.concat(rows).to_csv(path, index=False)
 
 
@@ -192,9 +192,9 @@ def run(kind: str, seed: int, share: float | None = None) -> dict:
         path = Path(folder) / "run.csv"
         write_csv(made, path)
         began = time.perf_counter()
-        done = subprocess.run(
-            [sys.executable, str(ROOT / "diagnose.py"), "system=pob", "data=csv", f"data.path={path}", "data.held_out=[6]",
-             f"hydra.run.dir={folder}/out"], capture_output=True, text=True, cwd=folder, check=False)  # fmt: skip
+        command = [sys.executable, str(ROOT / "diagnose.py"), "system=pob", "data=csv", f"data.path={path}"]
+        command += ["data.held_out=[6]", f"hydra.run.dir={folder}/out"]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False)
         if done.returncode:
             return {"kind": kind, "seed": seed, "failed": done.stderr.strip().splitlines()[-1:]}
         seconds = time.perf_counter() - began

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 from blind import FAINT, NAMED, RESULTS, UNNAMED, right
@@ -20,9 +19,12 @@ def report(cases: list[dict], power: bool = False) -> None:
         _power(cases)
         return
     kinds = list(dict.fromkeys(c["kind"] for c in cases))
-    lines = [f"{COMMAND}: {len(cases)} blind recordings, the pendulum on a box, 5 % noise on all signals, sizes 3 to 5 % of "
-             "the friction force", "", f"{'truth':34s} {'right':>9s} {'inside 95 %':>12s} {'after/floor':>12s} {'s':>6s}  "
-             "answers"]  # fmt: skip
+    lines = [
+        f"{COMMAND}: {len(cases)} blind recordings, the pendulum on a box, 5 % noise on all signals,",
+        "sizes 3 to 5 % of the friction force",
+        "",
+        f"{'truth':34s} {'right':>9s} {'inside 95 %':>12s} {'after/floor':>12s} {'s':>6s}  answers",
+    ]
     for kind in kinds:
         own = [c for c in cases if c["kind"] == kind]
         good = sum(map(right, own))
@@ -39,8 +41,12 @@ def report(cases: list[dict], power: bool = False) -> None:
     alarms = sum(not right(c) for c in clean)
     named = [c for c in cases if c["kind"] in NAMED and c["kind"] not in FAINT]
     wrong = [c for c in cases if c["kind"] in UNNAMED and c.get("verdict") == "effect found"]
-    lines += ["", f"false alarms {alarms} of {len(clean)}; named effects right {sum(map(right, named))} of {len(named)}; "
-              f"a name given to what has none {len(wrong)} of {sum(c['kind'] in UNNAMED for c in cases)}"]  # fmt: skip
+    nameless = sum(c["kind"] in UNNAMED for c in cases)
+    lines += [
+        "",
+        f"false alarms {alarms} of {len(clean)}; named effects right {sum(map(right, named))} of {len(named)}; "
+        f"a name given to what has none {len(wrong)} of {nameless}",
+    ]
     text = "\n".join(lines) + "\n"
     (RESULTS / "blind.txt").write_text(text)
     print(text)
@@ -87,7 +93,7 @@ def _figure(cases: list[dict], kinds: list[str]) -> None:
 
 def _power(cases: list[dict]) -> None:
     shares = sorted({c["share"] for c in cases})
-    lines = [f"{COMMAND} --power: share of recordings in which the effect is named, by its size in % of the friction force",
+    lines = [f"{COMMAND} --power: share of recordings in which the effect is named, by size in % of the friction",
              "", f"{'effect':24s}" + "".join(f"{100 * s:8.2f}" for s in shares)]  # fmt: skip
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     axes = figure.subplots()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,6 +27,7 @@ from ..physics.mechanism import Mechanism
 from .noise import outliers
 
 LOUDER = 2.5  # times the noise that differences show, where the model cannot be simulated with that
+LONGEST_S = 20.0  # s: a refit that takes longer is given up where it is
 LIFT = 0.2  # of the friction force: where a friction that vanished starts anew
 RELAXED = 1e3  # factor by which viscous friction may fall below the bounds of the declared model
 OUTLIERS = 2e-3  # share of lone residuals beyond five standard deviations from which the loss is robust
@@ -191,7 +193,11 @@ class Bench:
         problem = self._problem(self.problem, names, values, limits)
         u = problem.space.to_search(np.array([values[name] for name in problem.names]))
 
+        end = time.perf_counter() + LONGEST_S
+
         def evaluate(u, locals_, derivatives, **options):
+            if time.perf_counter() > end:
+                return None  # a shape that makes the equations so stiff is no candidate
             return problem.evaluate(fit.models, u, locals_, derivatives, sigmas=sigmas, **options)
 
         first = evaluate(u, fit.locals, True)
