@@ -31,6 +31,7 @@ LAW_VALUES = {
     "v_s": 1e-3,
     "alpha": 2.0,
     "v_t": 1e-4,
+    "tied_inertia": 1.0,
 }
 SWING = sp.rad(50) * sp.sin(2 * sp.pi * TIME)
 T = np.arange(161) / 400

@@ -5,7 +5,7 @@ import sympy as sp
 from ..base import ALPHA, MU_C, MU_S, SIGMA_0, SIGMA_2, V_S, Parameter
 from .lugre import LuGre
 
-INERTIA = Parameter("inertia", "{F}*s^2/{L}", "inertia that ties the bristle's damping to its stiffness", value=1.0)
+INERTIA = Parameter("tied_inertia", "{F}*s^2/{L}", "inertia that ties the bristle's damping to its stiffness", value=1.0)
 
 
 class TiedLuGre(LuGre):
@@ -20,4 +20,4 @@ class TiedLuGre(LuGre):
     parameters = (SIGMA_0, SIGMA_2, MU_C, MU_S, V_S, ALPHA, INERTIA)
 
     def force(self, c, p):
-        return p.sigma_0 * c.z + sp.sqrt(p.sigma_0 * p.inertia) * c.zdot + p.sigma_2 * c.v
+        return p.sigma_0 * c.z + sp.sqrt(p.sigma_0 * p.tied_inertia) * c.zdot + p.sigma_2 * c.v
