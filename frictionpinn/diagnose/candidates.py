@@ -12,7 +12,17 @@ from ..physics.effects import EFFECTS, applicable
 from ..physics.system import System
 
 # Where the data do not tell several effects apart, the one that occurs more often stands first.
-USUAL = ("constant_force", "asymmetry", "viscous", "payload", "stribeck", "presliding", "spring_force", "delay")
+USUAL = (
+    "constant_force",
+    "asymmetry",
+    "viscous",
+    "payload",
+    "inertia",
+    "stribeck",
+    "presliding",
+    "spring_force",
+    "delay",
+)
 
 
 @dataclass(frozen=True)
@@ -41,7 +51,8 @@ class Candidate:
     @property
     def usual(self) -> int:
         """Rank among effects that the data do not tell apart."""
-        return USUAL.index(self.effect) if self.effect in USUAL else len(USUAL)
+        rest = len(USUAL) + self.effect.startswith("sensor_")
+        return USUAL.index(self.effect) if self.effect in USUAL else rest
 
 
 def effects_for(system: System, law: FrictionLaw, names: Iterable[str] | None = None) -> tuple[Effect, ...]:

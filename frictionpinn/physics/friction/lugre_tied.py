@@ -5,7 +5,7 @@ import sympy as sp
 from ..base import ALPHA, MU_C, MU_S, SIGMA_0, SIGMA_2, V_S, Parameter
 from .lugre import LuGre
 
-INERTIA = Parameter("tied_inertia", "{F}*s^2/{L}", "inertia that ties the bristle's damping to its stiffness", value=1.0)
+INERTIA = Parameter("tied_inertia", "{F}*s^2/{L}", "ties the bristle's damping to its stiffness", value=1.0)
 
 
 class TiedLuGre(LuGre):
