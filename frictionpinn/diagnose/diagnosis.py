@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -104,6 +104,8 @@ def diagnose(
     system = mechanism.system
     options_ = candidates(kinds, system, mechanism.law, scales(system, runs))
     declared = {par.name for e in mechanism.effects for par in e.parameters_on(system, mechanism.law)}
+    given = {e.name for e in mechanism.effects}
+    options_ = tuple(replace(c, hidden=(), grid=({},)) if c.effect in given else c for c in options_)
     options_ = tuple(c for c in options_ if not declared & set(c.strengths))
     covered = ranges(system, probes, runs)
     where = {k: v for r in probes for k, v in places(r, covered[r.variable]).items()}

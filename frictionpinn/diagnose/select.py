@@ -136,7 +136,10 @@ def _rescan(
     places: Mapping[str, float],
 ) -> None:
     taken = {name for a in selection.accepted for name in a.candidate.strengths}
-    left = [c for c in options if not taken & set(c.strengths)]
+    # What shapes an effect that is part of the model is known: its other strengths are tested with that.
+    present = {a.candidate.effect for a in selection.accepted}
+    left = [replace(c, hidden=(), grid=({},)) if c.effect in present else c for c in options]
+    left = [c for c in left if not taken & set(c.strengths)]
     selection.last = scan(bench, selection.fit, left, remainders, places)
     selection.fit = _reweighted(bench, selection.fit, selection.last)
 
@@ -157,9 +160,9 @@ def _beside_lifted(bench: Bench, selection: Selection, options: Sequence[Candida
     made = bench.refit(fit, tuple(n for n in fit.names if n not in moved), lifted)
     if made is None:
         return []
-    taken = {name for a in selection.accepted for name in a.candidate.strengths}
     banned = {r.candidate.name for r in selection.refused}
-    left = [c for c in options if not taken & set(c.strengths) and c.name not in banned and len(c.grid) < MANY]
+    present = {a.candidate.effect for a in selection.accepted}
+    left = [c for c in options if c.effect not in present and c.name not in banned and len(c.grid) < MANY]
     return list(scan(bench, made, left, (), {}).tested[:LIFTED])
 
 
