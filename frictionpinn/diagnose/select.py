@@ -3,70 +3,21 @@ itself on trials that no fit saw."""
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from .bench import Bench, Fit
 from .candidates import Candidate
+from .contest import Accepted, Refused, Settings, contest, explained, needed, penalised
 from .remainder import Remainder
 from .scan import Scanned, Tested, scan
-from .score import ALIKE
 
-log = logging.getLogger(__name__)
+__all__ = ["Accepted", "Refused", "Selection", "Settings", "select"]
 
-CONTENDERS = 7  # candidates that are refitted in a round
-ASTRAY = 300.0  # statistic from which the fit is taken to be in a wrong minimum for want of the effect
-WORTH = 0.5, 0.25  # of the best statistic: candidates with less are not refitted; where the fit is astray
-DECISIVE = 2.0  # log-likelihood of the held-out trials by which one of several rivals wins
-RIVAL = 6.0  # log-likelihood: candidates whose fits differ by less are not told apart
-DEEP = 2  # contenders that are searched anew where no refit explains the residual
+SETTLED = 3.0  # log-likelihood that a new search must gain to count
 LIFTED, MANY = 3, 100  # candidates tried beside a friction that had vanished; shapes of those left out there
-NEAR, SETTLED = 50.0, 3.0  # log-likelihood: rivals that are searched anew too; a gain that counts
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Thresholds.
-
-    Attributes:
-        log_p: decimal logarithm of the chance, over all candidates, below which one counts as significant.
-        most: effects that are added at most.
-        gain: log-likelihood that the held-out trials must gain.
-    """
-
-    log_p: float = -4.0
-    most: int = 4
-    gain: float = 1.0
-
-
-@dataclass(frozen=True)
-class Refused:
-    """A candidate that was not added, and why."""
-
-    candidate: Candidate
-    why: str
-
-
-@dataclass(frozen=True)
-class Accepted:
-    """A candidate that was added.
-
-    Attributes:
-        candidate, tested: what was found.
-        evidence: statistic, log_p, gain on the fitted and on the held-out trials.
-        alike: candidates that explain the same data as well, with the strengths that they would have.
-        close: others whose fits come near, should this one prove to be in a wrong minimum.
-    """
-
-    candidate: Candidate
-    tested: Tested
-    evidence: dict[str, float]
-    alike: tuple[tuple[Candidate, dict[str, float]], ...] = ()
-    close: tuple[tuple[Tested, Fit], ...] = ()
 
 
 @dataclass
@@ -117,8 +68,11 @@ def select(
         if not significant and not _remains(selection, settings):
             break
         hidden = _beside_lifted(bench, selection, options)
-        if _round(bench, selection, significant, hidden, settings) is None:
+        accepted, selection.fit, refused = contest(bench, selection.fit, significant, hidden, settings)
+        selection.refused += refused
+        if accepted is None:
             break
+        selection.accepted.append(accepted)
         _rescan(bench, selection, options, remainders, places)
         astray = bench.mechanism.memory and explained(bench, selection.fit) and _doubtful(selection, options, settings)
         if astray and _deepen(bench, selection):
@@ -177,11 +131,11 @@ def _deepen(bench: Bench, selection: Selection) -> bool:
     """Search the last model and its close rivals from all starts: where one was fitted to a wrong minimum, what is left
     looks like an effect. Says whether the fit changed."""
     last = selection.accepted[-1]
-    best, choice, cost = selection.fit, last, _penalised(selection.fit)
+    best, choice, cost = selection.fit, last, penalised(selection.fit)
     for tested, fit in ((last.tested, selection.fit), *last.close):
         found = bench.search(replace(fit, sigmas=selection.fit.sigmas))
-        if found is not None and _penalised(found) < cost - SETTLED:
-            best, cost = found, _penalised(found)
+        if found is not None and penalised(found) < cost - SETTLED:
+            best, cost = found, penalised(found)
             choice = replace(
                 last, candidate=tested.candidate, tested=tested, alike=() if tested is not last.tested else last.alike
             )
@@ -201,148 +155,13 @@ def _drop(bench: Bench, selection: Selection, settings: Settings) -> bool:
         names = tuple(n for n in selection.fit.names if n not in own - others)
         neutral = dict.fromkeys(accepted.candidate.strengths, 0.0)
         found = bench.refit(selection.fit, names, selection.fit.values | neutral)
-        if found is not None and found.state.cost - selection.fit.state.cost < _needed(accepted.tested, settings):
+        if found is not None and found.state.cost - selection.fit.state.cost < needed(accepted.tested, settings):
             loss = found.state.cost - selection.fit.state.cost
             selection.refused.append(Refused(accepted.candidate, f"not needed beside later effects ({loss:+.1f} in "
                                                                  "log-likelihood without it)"))  # fmt: skip
             selection.fit, changed = found, True
             selection.accepted.remove(accepted)
     return changed
-
-
-def _round(
-    bench: Bench,
-    selection: Selection,
-    significant: Sequence[Tested],
-    beside: Sequence[Tested],
-    settings: Settings,
-) -> Accepted | None:
-    """Refit the contenders, take the best that the held-out trials confirm; None if there is none."""
-    before = selection.fit
-    classes = [*contenders(significant), *([t] for t in beside)]
-    fits = [(group[0], f) for group in classes if (f := add(bench, before, group[0])) is not None]
-    fits.sort(key=lambda pair: _penalised(pair[1]))
-    if fits and bench.mechanism.memory and not explained(bench, fits[0][1]):
-        deeper = [(t, bench.search(f) or f) for t, f in fits[:DEEP]]
-        fits = sorted([*deeper, *fits[DEEP:]], key=lambda pair: _penalised(pair[1]))
-    for tested, fit in fits:
-        gain = before.state.cost - fit.state.cost
-        log.info(f"  {tested.candidate.name}: log-likelihood +{gain:.1f} on the fitted trials")
-    for k, (tested, fit) in enumerate(fits):
-        gain, need = before.state.cost - fit.state.cost, _needed(tested, settings)
-        if gain < need:
-            why = f"refitted, it gains {gain:.1f} in log-likelihood; {need:.1f} are needed"
-            selection.refused.append(Refused(tested.candidate, why))
-            continue
-        held = _held_out_gain(bench, before, fit)
-        if held is not None and held < settings.gain:
-            why = f"held-out trials do not improve ({held:+.1f} in log-likelihood)"
-            selection.refused.append(Refused(tested.candidate, why))
-            continue
-        rivals = [(t, f) for t, f in fits[k + 1 :] if _penalised(f) - _penalised(fit) < RIVAL]
-        if held is not None:  # trials that no fit saw decide between them where they can
-            judged = [(t, f, _held_out_gain(bench, before, f) or 0.0) for t, f in rivals]
-            best = max(judged, key=lambda item: item[2], default=None)
-            if best is not None and best[2] > held + DECISIVE:
-                judged = [(tested, fit, held), *(item for item in judged if item is not best)]
-                tested, fit, held = best
-                gain = before.state.cost - fit.state.cost
-            for t, _, other in judged:
-                if other < held - DECISIVE:
-                    why = f"held-out trials improve less than with {tested.candidate.name} ({other:+.1f}, {held:+.1f})"
-                    selection.refused.append(Refused(t.candidate, why))
-            rivals = [(t, f) for t, f, other in judged if other >= held - DECISIVE]
-        same = next(group for group in classes if group[0] is tested)[1:]
-        alike = tuple(
-            (c, {n: values[n] for n in c.strengths})
-            for c, values in (*((t.candidate, t.step) for t in same), *((t.candidate, f.values) for t, f in rivals))
-        )
-        evidence = {"statistic": tested.statistic, "log10_p": tested.log_p, "gain_fitted": gain}
-        if held is not None:
-            evidence["gain_held_out"] = held
-        close = tuple((t, f) for t, f in fits[k + 1 :] if _penalised(f) - _penalised(fit) < max(NEAR, 0.1 * gain))
-        accepted = Accepted(tested.candidate, tested, evidence, alike, close[:DEEP])
-        selection.accepted.append(accepted)
-        selection.fit = fit
-        return accepted
-    return None
-
-
-def contenders(significant: Sequence[Tested]) -> list[list[Tested]]:
-    """The candidates to refit, each followed by those whose traces the data do not tell from its own."""
-    classes: list[list[Tested]] = []
-    largest = max((t.statistic for t in significant), default=0.0)
-    worth = largest * (WORTH[1] if largest > ASTRAY else WORTH[0])  # an astray fit ranks them poorly
-    for tested in significant:
-        own = next((g for g in classes if abs(float(g[0].trace @ tested.trace)) > ALIKE), None)
-        if own is not None:
-            own.append(tested)
-        elif len(classes) < CONTENDERS and tested.statistic > worth:
-            classes.append([tested])
-    return [sorted(group, key=lambda t: (t.candidate.usual, min(t.step.values()) < 0)) for group in classes]
-
-
-def _penalised(fit: Fit) -> float:
-    """Cost and half a unit of log-likelihood times log n for every parameter (Bayesian information criterion)."""
-    count = sum(len(model.t) * len(model.outputs) for model in fit.models)
-    return fit.state.cost + 0.5 * len(fit.names) * np.log(count)
-
-
-def add(bench: Bench, fit: Fit, tested: Tested) -> Fit | None:
-    """Refit with a candidate's strengths and hidden parameters, from the fit and, where that is astray, from others."""
-    limits, step = reach(tested), tested.step
-    names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
-    worth = fit.state.cost - 0.3 * tested.statistic / 2
-    tries: list[Fit] = []
-    bases = [fit.values, *({**fit.values, **start} for start in bench.starts if tested.statistic > ASTRAY)]
-    lifted = bench.lifted(fit.values)
-    for base in [*bases, *([lifted] if lifted else [])]:
-        # From neutral, since Gauss-Newton moves all parameters together; from its step where that fails.
-        for share in (0.0, 1.0):
-            values = base | tested.shape | {name: share * value for name, value in step.items()}
-            found = bench.refit(fit, names, bench.clip(values), limits=limits)
-            if found is not None:
-                tries.append(found)
-            if found is not None and found.state.cost < worth:
-                break
-    return min(tries, key=lambda f: f.state.cost, default=None)
-
-
-def reach(tested: Tested) -> dict[str, tuple[float, float]]:
-    """Values that hidden parameters may take: those tried, and somewhat beyond."""
-    result = {}
-    for name in tested.candidate.hidden:
-        values = [point[name] for point in tested.candidate.grid]
-        low, high = min(values), max(values)
-        wide = 0.1 * (high - low)
-        result[name] = (low / 1.5, high * 1.5) if low > 0 else (low - wide, high + wide)
-    return result
-
-
-def _needed(tested: Tested, settings: Settings) -> float:
-    """Log-likelihood that a candidate must gain, refitted."""
-    freedom = max(tested.freedom, 1)
-    return float(chi2.isf(10.0**settings.log_p / 50, freedom)) / 2
-
-
-def explained(bench: Bench, fit: Fit) -> bool:
-    """Whether the residual is as small as the noise that differences of the signals show."""
-    count = sum(int(np.isfinite(r).sum()) for piece in fit.state.pieces for r in piece.residuals.values())
-    sigmas = bench.problem.sigmas
-    chi = sum(
-        float(np.nansum((r / sigmas[name]) ** 2)) for piece in fit.state.pieces for name, r in piece.residuals.items()
-    )
-    return chi / count < 1.03
-
-
-def _held_out_gain(bench: Bench, before: Fit, after: Fit) -> float | None:
-    """Log-likelihood that the held-out trials gain; None without such trials."""
-    if bench.checked is None:
-        return None
-    old, new = bench.check(before), bench.check(replace(after, sigmas=before.sigmas))
-    if old is None or new is None:
-        return None if new is not None else -np.inf
-    return old.state.cost - new.state.cost
 
 
 def _reweighted(bench: Bench, fit: Fit, scanned: Scanned) -> Fit:

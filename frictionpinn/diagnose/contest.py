@@ -1,0 +1,229 @@
+"""One round of the selection: the significant candidates are refitted, and held-out trials judge the best of them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from .bench import Bench, Fit
+from .candidates import Candidate
+from .scan import Tested
+from .score import ALIKE
+
+log = logging.getLogger(__name__)
+
+CONTENDERS = 7  # candidates that are refitted in a round
+ASTRAY = 300.0  # statistic from which the fit is taken to be in a wrong minimum for want of the effect
+WORTH = 0.5, 0.25  # of the best statistic: candidates with less are not refitted; where the fit is astray
+DECISIVE = 2.0  # log-likelihood of the held-out trials by which one of several rivals wins
+RIVAL = 6.0  # log-likelihood: candidates whose fits differ by less are not told apart
+DEEP = 2  # contenders that are searched anew where no refit explains the residual
+NEAR = 50.0  # log-likelihood: rivals that are searched anew too, should the winner prove to be in a wrong minimum
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Thresholds.
+
+    Attributes:
+        log_p: decimal logarithm of the chance, over all candidates, below which one counts as significant.
+        most: effects that are added at most.
+        gain: log-likelihood that the held-out trials must gain.
+    """
+
+    log_p: float = -4.0
+    most: int = 4
+    gain: float = 1.0
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A candidate that was not added, and why."""
+
+    candidate: Candidate
+    why: str
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """A candidate that was added.
+
+    Attributes:
+        candidate, tested: what was found.
+        evidence: statistic, log_p, gain on the fitted and on the held-out trials.
+        alike: candidates that explain the same data as well, with the strengths that they would have.
+        close: others whose fits come near, should this one prove to be in a wrong minimum.
+    """
+
+    candidate: Candidate
+    tested: Tested
+    evidence: dict[str, float]
+    alike: tuple[tuple[Candidate, dict[str, float]], ...] = ()
+    close: tuple[tuple[Tested, Fit], ...] = ()
+
+
+Contender = tuple[Tested, Fit]
+
+
+def contest(
+    bench: Bench,
+    before: Fit,
+    significant: Sequence[Tested],
+    beside: Sequence[Tested],
+    settings: Settings,
+) -> tuple[Accepted, Fit, list[Refused]] | tuple[None, Fit, list[Refused]]:
+    """Refit the contenders and take the best that the held-out trials confirm.
+
+    Args:
+        before: the last accepted fit.
+        significant: candidates by their score tests, the most significant first.
+        beside: candidates that show only beside a friction that had vanished.
+        settings: thresholds.
+
+    Returns:
+        What was accepted or None, the fit with it, and the candidates that were refused on the way.
+    """
+    classes = [*contenders(significant), *([t] for t in beside)]
+    fits = _refitted(bench, before, classes)
+    refused: list[Refused] = []
+    for k, (tested, fit) in enumerate(fits):
+        held, why = _proof(bench, before, tested, fit, settings)
+        if why:
+            refused.append(Refused(tested.candidate, why))
+            continue
+        near = [pair for pair in fits[k + 1 :] if penalised(pair[1]) - penalised(fit) < RIVAL]
+        (tested, fit), held, near, worse = _decide(bench, before, (tested, fit), held, near)
+        gain = before.state.cost - fit.state.cost
+        same = next(group for group in classes if group[0] is tested)[1:]
+        alike = [(t.candidate, {n: t.step[n] for n in t.candidate.strengths}) for t in same]
+        alike += [(t.candidate, {n: f.values[n] for n in t.candidate.strengths}) for t, f in near]
+        evidence = {"statistic": tested.statistic, "log10_p": tested.log_p, "gain_fitted": gain}
+        evidence |= {} if held is None else {"gain_held_out": held}
+        close = [p for p in fits if p[0] is not tested and penalised(p[1]) - penalised(fit) < max(NEAR, 0.1 * gain)]
+        return Accepted(tested.candidate, tested, evidence, tuple(alike), tuple(close[:DEEP])), fit, [*refused, *worse]
+    return None, before, refused
+
+
+def _refitted(bench: Bench, before: Fit, classes: Sequence[Sequence[Tested]]) -> list[Contender]:
+    """The first of every class refitted, the best first."""
+    fits = [(group[0], f) for group in classes if (f := add(bench, before, group[0])) is not None]
+    fits.sort(key=lambda pair: penalised(pair[1]))
+    if fits and bench.mechanism.memory and not explained(bench, fits[0][1]):
+        deeper = [(t, bench.search(f) or f) for t, f in fits[:DEEP]]
+        fits = sorted([*deeper, *fits[DEEP:]], key=lambda pair: penalised(pair[1]))
+    for tested, fit in fits:
+        gain = before.state.cost - fit.state.cost
+        log.info(f"  {tested.candidate.name}: log-likelihood {gain:+.1f} on the fitted trials")
+    return fits
+
+
+def _proof(bench: Bench, before: Fit, tested: Tested, fit: Fit, settings: Settings) -> tuple[float | None, str]:
+    """Gain on the held-out trials (None without any), and why the candidate is refused, if it is."""
+    gain, need = before.state.cost - fit.state.cost, needed(tested, settings)
+    if gain < need:
+        return None, f"refitted, it gains {gain:.1f} in log-likelihood; {need:.1f} are needed"
+    held = held_out_gain(bench, before, fit)
+    if held is not None and held < settings.gain:
+        return held, f"held-out trials do not improve ({held:+.1f} in log-likelihood)"
+    return held, ""
+
+
+def _decide(
+    bench: Bench, before: Fit, first: Contender, held: float | None, near: Sequence[Contender]
+) -> tuple[Contender, float | None, list[Contender], list[Refused]]:
+    """Among fits that are about as good, the one that trials which no fit saw prefer; those that they reject."""
+    if held is None or not near:
+        return first, held, list(near), []
+    judged = [(first, held), *((pair, held_out_gain(bench, before, pair[1]) or 0.0) for pair in near)]
+    winner, best = max(judged[1:], key=lambda item: item[1])
+    if best <= held + DECISIVE:
+        winner, best = first, held
+    others = [(pair, gain) for pair, gain in judged if pair is not winner]
+    name = winner[0].candidate.name
+    worse = [
+        Refused(pair[0].candidate, f"held-out trials improve less than with {name} ({gain:+.1f}, {best:+.1f})")
+        for pair, gain in others
+        if gain < best - DECISIVE
+    ]
+    return winner, best, [pair for pair, gain in others if gain >= best - DECISIVE], worse
+
+
+def contenders(significant: Sequence[Tested]) -> list[list[Tested]]:
+    """The candidates to refit, each followed by those whose traces the data do not tell from its own."""
+    classes: list[list[Tested]] = []
+    largest = max((t.statistic for t in significant), default=0.0)
+    worth = largest * (WORTH[1] if largest > ASTRAY else WORTH[0])  # an astray fit ranks them poorly
+    for tested in significant:
+        own = next((g for g in classes if abs(float(g[0].trace @ tested.trace)) > ALIKE), None)
+        if own is not None:
+            own.append(tested)
+        elif len(classes) < CONTENDERS and tested.statistic > worth:
+            classes.append([tested])
+    return [sorted(group, key=lambda t: (t.candidate.usual, min(t.step.values()) < 0)) for group in classes]
+
+
+def penalised(fit: Fit) -> float:
+    """Cost and half a unit of log-likelihood times log n for every parameter (Bayesian information criterion)."""
+    count = sum(len(model.t) * len(model.outputs) for model in fit.models)
+    return fit.state.cost + 0.5 * len(fit.names) * np.log(count)
+
+
+def add(bench: Bench, fit: Fit, tested: Tested) -> Fit | None:
+    """Refit with a candidate's strengths and hidden parameters, from the fit and, where that is astray, from others."""
+    limits, step = reach(tested), tested.step
+    names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
+    worth = fit.state.cost - 0.3 * tested.statistic / 2
+    tries: list[Fit] = []
+    bases = [fit.values, *({**fit.values, **start} for start in bench.starts if tested.statistic > ASTRAY)]
+    lifted = bench.lifted(fit.values)
+    for base in [*bases, *([lifted] if lifted else [])]:
+        # From neutral, since Gauss-Newton moves all parameters together; from its step where that fails.
+        for share in (0.0, 1.0):
+            values = base | tested.shape | {name: share * value for name, value in step.items()}
+            found = bench.refit(fit, names, bench.clip(values), limits=limits)
+            if found is not None:
+                tries.append(found)
+            if found is not None and found.state.cost < worth:
+                break
+    return min(tries, key=lambda f: f.state.cost, default=None)
+
+
+def reach(tested: Tested) -> dict[str, tuple[float, float]]:
+    """Values that hidden parameters may take: those tried, and somewhat beyond."""
+    result = {}
+    for name in tested.candidate.hidden:
+        values = [point[name] for point in tested.candidate.grid]
+        low, high = min(values), max(values)
+        wide = 0.1 * (high - low)
+        result[name] = (low / 1.5, high * 1.5) if low > 0 else (low - wide, high + wide)
+    return result
+
+
+def needed(tested: Tested, settings: Settings) -> float:
+    """Log-likelihood that a candidate must gain, refitted."""
+    freedom = max(tested.freedom, 1)
+    return float(chi2.isf(10.0**settings.log_p / 50, freedom)) / 2
+
+
+def explained(bench: Bench, fit: Fit) -> bool:
+    """Whether the residual is as small as the noise that differences of the signals show."""
+    count = sum(int(np.isfinite(r).sum()) for piece in fit.state.pieces for r in piece.residuals.values())
+    sigmas = bench.problem.sigmas
+    chi = sum(
+        float(np.nansum((r / sigmas[name]) ** 2)) for piece in fit.state.pieces for name, r in piece.residuals.items()
+    )
+    return chi / count < 1.03
+
+
+def held_out_gain(bench: Bench, before: Fit, after: Fit) -> float | None:
+    """Log-likelihood that the held-out trials gain; None without such trials."""
+    if bench.checked is None:
+        return None
+    old, new = bench.check(before), bench.check(replace(after, sigmas=before.sigmas))
+    if old is None or new is None:
+        return None if new is not None else -np.inf
+    return old.state.cost - new.state.cost
