@@ -62,7 +62,7 @@ def main() -> None:
         done[preset] = {key: r[key] for key in keys}
         path.write_text(json.dumps(done, indent=1))
         print("\n".join(row(preset, r)), flush=True)
-    head = "python benchmarks/diagnose_measured.py: error on trials that no fit saw; declared is Coulomb + viscous friction"
+    head = "python benchmarks/diagnose_measured.py: error on held-out trials; declared is Coulomb + viscous friction"
     lines = [head, "", *(line for preset in BY_HAND if preset in done for line in row(preset, done[preset]))]  # fmt: skip
     (RESULTS / "diagnose_measured.txt").write_text("\n".join(lines))
 
