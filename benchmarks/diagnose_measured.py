@@ -63,7 +63,8 @@ def main() -> None:
         path.write_text(json.dumps(done, indent=1))
         print("\n".join(row(preset, r)), flush=True)
     head = "python benchmarks/diagnose_measured.py: error on held-out trials; declared is Coulomb + viscous friction"
-    lines = [head, "", *(line for preset in BY_HAND if preset in done for line in row(preset, done[preset]))]  # fmt: skip
+    rows = [line for preset in BY_HAND if preset in done for line in row(preset, done[preset])]
+    lines = [head, "", *rows]
     (RESULTS / "diagnose_measured.txt").write_text("\n".join(lines))
 
 
