@@ -21,7 +21,7 @@ ASTRAY = 300.0  # statistic from which the fit is taken to be in a wrong minimum
 WORTH = 0.5, 0.25  # of the best statistic: candidates with less are not refitted; where the fit is astray
 DECISIVE = 2.0  # log-likelihood of the held-out trials by which one of several rivals wins
 RIVAL = 6.0  # log-likelihood: candidates whose fits differ by less are not told apart
-DEEP = 2  # contenders that are searched anew where no refit explains the residual
+DEEP = 3  # contenders that are searched anew where no refit explains the residual
 NEAR = 50.0  # log-likelihood: rivals that are searched anew too, should the winner prove to be in a wrong minimum
 
 
@@ -113,8 +113,10 @@ def _refitted(bench: Bench, before: Fit, classes: Sequence[Sequence[Tested]]) ->
     fits = [(group[0], f) for group in classes if (f := add(bench, before, group[0])) is not None]
     fits.sort(key=lambda pair: penalised(pair[1]))
     if fits and bench.mechanism.memory and not explained(bench, fits[0][1]):
-        deeper = [(t, bench.search(f) or f) for t, f in fits[:DEEP]]
-        fits = sorted([*deeper, *fits[DEEP:]], key=lambda pair: penalised(pair[1]))
+        reach_ = penalised(fits[0][1]) + max(NEAR, 0.1 * (before.state.cost - fits[0][1].state.cost))
+        count = min(DEEP, sum(penalised(f) < reach_ for _, f in fits))
+        deeper = [(t, bench.search(f) or f) for t, f in fits[:count]]
+        fits = sorted([*deeper, *fits[count:]], key=lambda pair: penalised(pair[1]))
     for tested, fit in fits:
         gain = before.state.cost - fit.state.cost
         log.info(f"  {tested.candidate.name}: log-likelihood {gain:+.1f} on the fitted trials")

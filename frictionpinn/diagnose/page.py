@@ -35,7 +35,7 @@ out: errors are those of the fitted trials{% endif %}. {{ r.declared.outcome | c
 <table><tr><th>effect</th><th>parameter</th><th>value</th><th>95 % interval</th>
 <th>evidence, log10 of the chance</th><th>not told apart from</th></tr>
 {% for e in r.effects %}{% for name, p in e.parameters.items() %}<tr><td>{{ e.name if loop.first }}</td>
-<td>{{ name }}</td><td>{{ number(p.value) }} {{ p.unit }}</td>
+<td>{{ name }}</td><td>{{ number(p.value) }}{{ " " + p.unit if p.unit != "1" }}</td>
 <td>{{ number(p.ci95[0]) }} to {{ number(p.ci95[1]) }}</td>
 <td>{{ number(e.evidence.log10_p) if loop.first }}</td>
 <td class="text">{{ e.indistinguishable_from | join(", ") if loop.first }}</td></tr>{% endfor %}{% endfor %}</table>
@@ -108,7 +108,7 @@ def equation(mechanism: Mechanism) -> sp.Eq:
     seen = mechanism._seen
     force = sp.sympify(mechanism.law.force(seen, mechanism.law.symbols))
     force += sum(e.force(seen, mechanism.p, mechanism.law) for e in mechanism.effects)
-    short = {CONTACT.v: sp.Symbol("v"), CONTACT.zdot: sp.Symbol(r"\dot{z}"), CONTACT.s: sp.Symbol("s"),
+    short = {CONTACT.v: sp.Symbol("v"), CONTACT.zdot: sp.Symbol("zdot"), CONTACT.s: sp.Symbol("s"),
              CONTACT.a: sp.Symbol("a")}  # fmt: skip
     return sp.Eq(sp.Symbol("F"), force.xreplace(short), evaluate=False)
 
@@ -123,4 +123,4 @@ def rate_equation(mechanism: Mechanism) -> sp.Eq | None:
     else:
         rate = next(e for e in mechanism.effects if e.memory).bristle_rate(seen, mechanism.p, mechanism.law)
     short = {CONTACT.v: sp.Symbol("v"), CONTACT.s: sp.Symbol("s"), CONTACT.a: sp.Symbol("a")}
-    return sp.Eq(sp.Symbol(r"\dot{z}"), sp.sympify(rate).xreplace(short), evaluate=False)
+    return sp.Eq(sp.Symbol("zdot"), sp.sympify(rate).xreplace(short), evaluate=False)

@@ -10,7 +10,7 @@ import numpy as np
 
 from .bench import Bench, Fit
 from .candidates import Candidate
-from .contest import Accepted, Refused, Settings, contest, explained, needed, penalised
+from .contest import Accepted, Refused, Settings, contest, needed, penalised
 from .remainder import Remainder
 from .scan import Scanned, Tested, scan
 
@@ -74,8 +74,7 @@ def select(
             break
         selection.accepted.append(accepted)
         _rescan(bench, selection, options, remainders, places)
-        astray = bench.mechanism.memory and explained(bench, selection.fit) and _doubtful(selection, options, settings)
-        if astray and _deepen(bench, selection):
+        if bench.mechanism.memory and _doubtful(selection, options, settings) and _deepen(bench, selection):
             _rescan(bench, selection, options, remainders, places)
         if len(selection.accepted) > 1 and _drop(bench, selection, settings):
             _rescan(bench, selection, options, remainders, places)
