@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import shutil
@@ -15,6 +16,7 @@ from typing import Any, TypeVar
 from ..workflow.build import Config
 from ..workflow.estimate import default_config
 from ..workflow.evaluate import evaluate
+from ..workflow.result import write_json
 from ..workflow.train import train
 
 T = TypeVar("T")
@@ -49,14 +51,19 @@ def finish(run: Run) -> tuple[Config, list[Config]]:
         run.folder.mkdir(parents=True)
         train(cfg, run.folder)
         trained = read(run.folder / "result.json")
-    return trained, [_evaluation(run, trained, overrides) for overrides in run.evaluations]
+    return trained, [_evaluation(run, overrides) for overrides in run.evaluations]
 
 
-def _evaluation(run: Run, trained: Config, overrides: Sequence[str]) -> Config:
+def _evaluation(run: Run, overrides: Sequence[str]) -> Config:
+    """Kept in a file of its own, since the folder of an evaluation holds the last one on that system alone."""
     cfg = default_config([f"run={run.folder}", *overrides], "evaluate")
-    system = (cfg.get("system") or {}).get("name", trained["system"])
-    folder = "evaluation" if system == trained["system"] else f"evaluation_{system}"
-    return finished(run.folder / folder / "result.json", cfg) or evaluate(cfg)
+    digest = hashlib.sha256(json.dumps(cfg, sort_keys=True).encode()).hexdigest()[:12]
+    path = run.folder / f"evaluated_{digest}.json"
+    found = finished(path, cfg)
+    if found is None:
+        found = evaluate(cfg)
+        write_json(path, found)
+    return found
 
 
 def finished(path: Path, cfg: Config) -> Config | None:

@@ -68,7 +68,7 @@ TRANSFER = {
 def test_an_unknown_part_is_answered_with_the_nearest_name(workdir):
     with pytest.raises(UserError, match="did you mean 'transfer'"):
         reproduce(default_config(["parts=[transfar]"], "reproduce"))
-    with pytest.raises(UserError, match=r"setting.*allowed: full, short"):
+    with pytest.raises(UserError, match=r"setting.*allowed: brief, full, short"):
         cli.check_command_line(ROOT / "conf", "reproduce", ["setting=long"])
 
 
