@@ -6,11 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import sympy as sp
 import yaml
 
 from ..errors import UserError, choose
 from ..physics import LAWS, SYSTEMS
+from ..physics.base import CONTACT, TIME
 from ..physics.mechanism import Mechanism
+from ..physics.system import Coordinate, System
 from .diagnosis import Diagnosis
 
 _HEAD = "# A friction model with the effects that a diagnosis added: python train.py friction=<this file>\n"
@@ -39,6 +42,51 @@ def save_augmented(path: Path, d: Diagnosis, cfg: Mapping[str, Any]) -> Mechanis
     }  # fmt: skip
     path.write_text(_HEAD + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     return mechanism
+
+
+def folded(path: str | Path) -> tuple[System, dict[str, float]]:
+    """The system of a saved model with the effects as known forces and loads, and the law's values, to train on.
+
+    E + J F_effect = 0 takes the place of E, and the normal force is the one that the law sees, so that what is learned
+    is the law's friction alone.
+
+    Raises:
+        UserError: see :func:`load_augmented`; an effect with a state, a sensor or a delay, or that depends on time.
+    """
+    mechanism, values = load_augmented(path)
+    system, law = mechanism.system, mechanism.law
+    for effect in mechanism.effects:
+        force = sp.sympify(effect.force(CONTACT, mechanism.p, law))
+        shown = any(effect.sensor(system, n, s, mechanism.p) != s for n, s in mechanism.predictions.items())
+        timed = TIME in (force.free_symbols | sp.sympify(effect.load(CONTACT.N, CONTACT, mechanism.p)).free_symbols)
+        if effect.states or effect.memory or effect.delays(system, law) or shown or timed:
+            raise UserError(f"effect {effect.name} cannot be folded into the equation of motion", where="friction",
+                            received=str(path), allowed="effects that add a force, a load or a mass",
+                            fix="simulate with load_augmented, or diagnose without this effect")  # fmt: skip
+    own = [par for e in mechanism.effects for par in e.parameters_on(system, law)]
+    numbers = {par.symbol: sp.Float(values.get(par.name, par.value)) for par in own}
+    kind = type(system)
+    rows = {c.name: _row(mechanism, c).xreplace(numbers) for c in system.moving}
+    load = mechanism._in_motion(mechanism._seen.N).xreplace(numbers)
+
+    class Folded(kind):  # type: ignore[misc, valid-type]
+        def residual(self, coordinate):
+            return rows[coordinate.name]
+
+        @property
+        def N(self):
+            return load
+
+    own_values = {par.name: values[par.name] for par in system.parameters}
+    made = Folded(equations=system.equations, driven=system.driven, imposed=system.imposed, **own_values)
+    return made, {par.name: values[par.name] for par in law.parameters if par.name in values}
+
+
+def _row(mechanism: Mechanism, c: Coordinate) -> sp.Expr:
+    """Left-hand side of a coordinate's equation of motion with the effects' forces."""
+    seen, system = mechanism._seen, mechanism.system
+    force = sum((e.force(seen, mechanism.p, mechanism.law) for e in mechanism.effects), start=sp.Integer(0))
+    return mechanism._replaced(system.residual(c)) + system.jacobian[c.name] * mechanism._in_motion(force)
 
 
 def load_augmented(path: str | Path) -> tuple[Mechanism, dict[str, float]]:

@@ -48,7 +48,11 @@ def _mapping(cfg: Config, key: str, where: str) -> dict[str, Any]:
 
 
 def build_system(cfg: Config) -> System:
-    """The system with the values of its parameters."""
+    """The system with the values of its parameters; with ``augmented``, the one that a diagnosis saved."""
+    if cfg.get("augmented"):
+        from ..diagnose.augmented import folded
+
+        return folded(cfg["augmented"])[0]
     kind = choose(cfg["name"], SYSTEMS, "system")
     imposed = bool(cfg.get("imposed", False))
     return kind(equations=cfg.get("equations", "lagrange"), imposed=imposed, **(cfg.get("parameters") or {}))
@@ -229,6 +233,11 @@ def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionMo
         return kind(**common)
     law = choose(friction["name"], LAWS, "friction")()
     wanted, limits = _mapping(friction, "start", "friction"), _mapping(friction, "bounds", "friction")
+    if cfg["system"].get("augmented"):
+        from ..diagnose.augmented import folded
+
+        saved = folded(cfg["system"]["augmented"])[1]
+        wanted = {name: saved.get(name) if wanted.get(name) is None else wanted[name] for name in wanted}
     start, bounds = complete(law, wanted, limits, scales)
     plain = {"name": law.name, "start": start, "bounds": {key: list(value) for key, value in bounds.items()}}
     plain |= {

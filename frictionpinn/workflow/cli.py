@@ -249,6 +249,27 @@ def _all_keys(config_folder: Path, config_name: str, choices: list[str]) -> dict
     return walk(config, "")
 
 
+def saved_friction(arguments: list[str]) -> list[str]:
+    """The arguments with ``friction=<file of a diagnosis>`` as its law, its system and the file's effects.
+
+    Raises:
+        UserError: no such file, or not one of these; a system beside it that is another.
+    """
+    given = [a for a in arguments if a.startswith("friction=") and a.endswith((".yaml", ".yml"))]
+    if not given:
+        return arguments
+    from ..diagnose.augmented import load_augmented
+
+    path = Path(given[0].partition("=")[2]).resolve()
+    mechanism, _ = load_augmented(path)
+    name = mechanism.system.name
+    for other in (a for a in arguments if a.startswith("system=") and a != f"system={name}"):
+        raise UserError("friction model of another system", where="friction", received=f"{path.name} with {other}",
+                        allowed=f"system={name}", fix=f"say system={name}")  # fmt: skip
+    rest = [a for a in arguments if a != given[0] and not a.startswith("system=")]
+    return [*rest, f"system={name}", f"friction={mechanism.law.name}", f"+system.augmented='{path}'"]
+
+
 def run(main: Callable[[], None], config_folder: Path, config_name: str, failures: list[BaseException]) -> None:
     """Check the command line, run Hydra's main, end with exit code 2 after a user's error.
 
@@ -261,7 +282,7 @@ def run(main: Callable[[], None], config_folder: Path, config_name: str, failure
 
     try:
         if not any(item in ("--help", "-h", "--hydra-help", "--version") for item in sys.argv[1:]):
-            sys.argv[1:] = resumed(sys.argv[1:])
+            sys.argv[1:] = saved_friction(resumed(sys.argv[1:]))
             check_command_line(config_folder, config_name, sys.argv[1:])
             check_output(config_folder, config_name, sys.argv[1:])
         logging.raiseExceptions = False  # a log that cannot be written is no reason for a traceback

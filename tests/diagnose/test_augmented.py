@@ -1,0 +1,73 @@
+"""A saved friction model is used at once: in training as known forces and loads, from the command line too."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from frictionpinn.diagnose.augmented import folded
+from frictionpinn.errors import UserError
+from frictionpinn.numerics.torch_functions import contact_signals
+from frictionpinn.physics import SYSTEMS
+
+ROOT = Path(__file__).resolve().parents[2]
+LAW = {"sigma_0": 1e5, "sigma_1": 316.0, "sigma_2": 0.4, "mu_c": 0.3, "mu_s": 0.5, "v_s": 2e-3, "alpha": 2.0}
+OWN = {"m_b": 0.5, "m_L": 1.0, "d": 0.25, "J_L": 0.042, "g": 9.81}
+
+
+def saved(folder: Path, effects: dict[str, dict[str, float]]) -> Path:
+    path = folder / "augmented.yaml"
+    system = {"name": "pob", "equations": "lagrange", "imposed": False, "parameters": OWN}
+    path.write_text(yaml.safe_dump({"name": "lugre", "system": system, "values": LAW, "effects": effects}))
+    return path
+
+
+def signals(n=50):
+    rng = np.random.default_rng(0)
+    return {name: rng.normal(size=n) for name in ("x", "v", "a", "theta", "omega", "alpha")}
+
+
+def test_forces_leave_the_friction_of_the_law_and_loads_change_what_it_sees(tmp_path):
+    effects = {"constant_force": {"constant_force": 0.2}, "drag": {"drag": 0.5}, "adhesion": {"adhesion": 1.5}}
+    system, values = folded(saved(tmp_path, effects))
+    given = signals()
+    made, plain = contact_signals(system, given), contact_signals(SYSTEMS["pob"](**OWN), given)
+    extra = 0.2 + 0.5 * given["v"] * np.abs(given["v"])
+    assert made["friction_force"] == pytest.approx(plain["friction_force"] - extra)
+    assert made["normal_force"] == pytest.approx(plain["normal_force"] + 1.5)
+    assert values == LAW
+
+
+def test_a_payload_takes_part_in_the_inertia(tmp_path):
+    system, _ = folded(saved(tmp_path, {"payload": {"payload_m_b": 0.1, "payload_m_L": 0.0}}))
+    given = signals()
+    heavy = contact_signals(SYSTEMS["pob"](**(OWN | {"m_b": 0.6})), given)
+    made = contact_signals(system, given)
+    for name in ("friction_force", "normal_force", "a_frictionless"):
+        assert made[name] == pytest.approx(heavy[name])
+
+
+@pytest.mark.parametrize("effect", [{"sensor_delay": {"sensor_delay_x": 0.01}}, {"drift": {"drift": 0.1}},
+                                    {"dwell": {"dwell": 0.1}}])  # fmt: skip
+def test_what_is_no_force_of_the_moment_is_refused_by_name(tmp_path, effect):
+    with pytest.raises(UserError, match=f"effect {next(iter(effect))} cannot be folded"):
+        folded(saved(tmp_path, effect))
+
+
+def test_training_takes_a_saved_model_as_friction(tmp_path):
+    path = saved(tmp_path, {"asymmetry": {"asymmetry": 0.04}})
+    command = [sys.executable, str(ROOT / "train.py"), "model=pe1", f"friction={path.name}", "trainer.max_epochs=2",
+               "trainer.threads=1", "data.rate_hz=100", "hydra.run.dir=run"]  # fmt: skip
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    result = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert result["config"]["system"]["augmented"] == str(path)
+    assert result["parameters"]["mu_s"]["start"] == pytest.approx(0.5)
+    refused = subprocess.run([*command[:4], "system=drive"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert refused.returncode == 2 and "friction model of another system" in refused.stderr
