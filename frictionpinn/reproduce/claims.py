@@ -37,6 +37,8 @@ def _fidelity(errors: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
         yield _ordered(claim, errors, "online", "identified", "pe2")
         claim = "Beyond the paper: in simulation identified LuGre friction is more faithful than PE1"
         yield _ordered(claim, errors, "in_simulation", "identified", "pe1")
+        if any("mujoco" in methods for methods in errors.values()):
+            yield _ordered("and than MuJoCo's own friction", errors, "in_simulation", "identified", "mujoco")
 
 
 def _ordered(claim: str, errors: Mapping[str, Any], kind: str, better: str, worse: str) -> tuple[str, str, str]:
@@ -45,7 +47,7 @@ def _ordered(claim: str, errors: Mapping[str, Any], kind: str, better: str, wors
         a, b = (methods.get(key, {}).get(kind, {}).get("value") for key in (better, worse))
         if a is None or b is None:
             continue
-        told.append(f"{trajectory}: {a:.3g} against {b:.3g} N²")
+        told.append(f"{trajectory}: {a:.3g} against {b:.3g} N², {b / a:.3g} times")
         holds.append(a < b)
     if not told:
         return claim, "not measured", "-"

@@ -32,19 +32,21 @@ def errors_figure(errors: Mapping[str, Any]) -> Figure:
                 axis.barh(place + shift, value, 0.36, color=SHADES[kind], zorder=2)
                 known = [item for item in cell["by_seed"].values() if item]
                 axis.plot([min(known), max(known)], [place + shift] * 2, color=INK["reference"], lw=1.0, zorder=3)
-                beside = {"xytext": (4, 0), "textcoords": "offset points", "va": "center", "fontsize": 8}
-                axis.annotate(f"{value:.2g}", (max(known), place + shift), **beside)
+                beside = {"xytext": (6, 0), "textcoords": "offset points", "va": "center", "fontsize": 8}
+                reach = max(*known, value, cell.get("published", 0.0))
+                axis.annotate(f"{value:.2g}", (reach, place + shift), **beside)
                 if "published" in cell:
                     axis.plot(cell["published"], place + shift, "D", color=INK["reference"], ms=6, zorder=4)
         axis.set(title=trajectory, xscale="log", xlabel="mean square error of the force (N²)")
         axis.set_yticks(range(len(labels)), list(labels.values()))
-        axis.margins(x=0.15)
+        axis.margins(x=0.15, y=0.01)
         axis.spines[["top", "right"]].set_visible(False)
     panels[0].invert_yaxis()
     for kind, text in KINDS.items():
         panels[0].barh([np.nan], [np.nan], color=SHADES[kind], label=text)
     panels[0].plot([], [], "D", color=INK["reference"], ms=6, ls="none", label="published")
-    panels[0].plot([], [], color=INK["reference"], lw=1.0, label="range over seeds")
+    if any(len(row[kind]["by_seed"]) > 1 for row in found.values() for kind in KINDS if kind in row):
+        panels[0].plot([], [], color=INK["reference"], lw=1.0, label="range over seeds")
     figure.legend(loc="outside lower center", ncols=4, frameon=False)
     figure.suptitle("Friction force against the truth: shorter bars are better")
     return figure

@@ -138,8 +138,9 @@ class Scorer:
 def _entry(found: Estimate, processor: float, scorer: Scorer, start: Mapping[str, float]) -> dict[str, Any]:
     """What is kept of an estimate; ``trace``: processor time, s, and force error on the way, the start first."""
     values = dict(found.values)
-    mse = scorer(values)
     rows, places = found.details.get("trace") or [], found.details.get("path") or []
+    # Parameters that the data do not tell are not reported, but where a search ended with them can be simulated.
+    mse = scorer(dict(zip(found.names, places[-1], strict=True)) if places else values)
     some: Any = np.unique(np.linspace(0, len(rows) - 1, TRACED).astype(int)) if rows else []
     scale = processor / max(found.seconds, 1e-9)
     trace = [[float(rows[k][0]) * scale, scorer(dict(zip(found.names, places[k], strict=True)))] for k in some]
