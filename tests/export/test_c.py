@@ -21,7 +21,7 @@ from frictionpinn.physics import CONTACT, LAWS, SYSTEMS
 
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
 PARAMETERS = {"sigma_0": 1e5, "sigma_1": 300.0, "sigma_2": 0.4, "mu_c": 0.3, "mu_s": 0.6, "v_s": 1e-3}
-PARAMETERS |= {"alpha": 2.0, "v_t": 1e-4}
+PARAMETERS |= {"alpha": 2.0, "v_t": 1e-4, "tied_inertia": 1.0}
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler, cc")
 
 
