@@ -90,7 +90,7 @@ def _law_source(law: FrictionLaw, values: Mapping[str, float]) -> str:
         unused += [] if expr.free_symbols & set(vars(law.symbols).values()) else ["p"]
         places[f"{name}_unused"] = "".join(f"    (void){item};\n" for item in unused)
         places[name] = c_statements({"return": _with_struct(expr, law)})
-    given = ", ".join(_number(values.get(par.name, par.value)) for par in law.parameters)
+    given = ", ".join(_number(values[par.name]) for par in law.parameters)
     return fill("law.c", name=law.name, values=given, **places)
 
 
