@@ -1,0 +1,65 @@
+"""Landscapes that mislead: jumps within a sample, friction that a law has and the data have not, work within work."""
+
+import numpy as np
+import pytest
+from cases import case, deviations
+
+from frictionpinn.data.noise import GaussianNoise
+from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.identify import Problem, maximum_likelihood
+from frictionpinn.identify.likelihood import MOST_WINDOWS, _windows
+from frictionpinn.identify.loss import choose_loss
+from frictionpinn.identify.parallel import in_parallel
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_law_whose_force_jumps_within_a_sample_is_found(seed):
+    mechanism, truth, clean, _, _ = case("drive", "stribeck", (0, 1, 2, 3, 4))
+    estimate = maximum_likelihood(mechanism, GaussianNoise(0.05)(clean, seed))
+    assert estimate.outcome == "converged"
+    assert max(deviations(estimate, truth).values()) < 4
+    assert estimate.std["mu_s"] / estimate.values["mu_s"] < 0.02
+
+
+def test_outliers_are_expected_only_where_the_force_jumps():
+    assert choose_loss("auto", case("drive", "stribeck")[0]).robust
+    assert not choose_loss("auto", case("drive", "lugre")[0]).robust
+    assert not choose_loss("gaussian", case("drive", "stribeck")[0]).robust
+
+
+def test_friction_that_does_not_rise_towards_rest_is_told_in_words():
+    mechanism, truth, *_ = case("drive", "lugre")
+    flat = truth | {"mu_s": truth["mu_c"]}
+    trials = [{"duration": 2.0, "force": "5*sin(2*pi*t)"}, {"duration": 2.0, "force": "8*sin(3*pi*t)"}]
+    noisy = GaussianNoise(0.05)(simulate_recording(mechanism.system, "lugre", flat, trials, 200.0), 0)
+    estimate = maximum_likelihood(mechanism, noisy)
+    assert estimate.outcome in ("at a bound", "not identified")
+    assert any("does not rise" in text or text.startswith("v_s does not show") for text in estimate.advice)
+    assert estimate.values["mu_c"] == pytest.approx(truth["mu_c"], rel=0.03)
+
+
+def test_a_long_recording_starts_from_a_sample_of_its_windows():
+    mechanism, _, _, noisy, _ = case("drive", "dahl", (0, 1))
+    problem = Problem(mechanism, noisy)
+    few = len(_windows(problem))
+    problem.motions = problem.motions * (2 * MOST_WINDOWS // few + 1)
+    assert len(_windows(problem)) == MOST_WINDOWS
+
+
+def test_work_within_work_keeps_its_order_and_ends():
+    def outer(k: int) -> list[int]:
+        return in_parallel(lambda j: 10 * k + j, [1.0] * 5)
+
+    assert in_parallel(outer, [3.0, 1.0, 2.0]) == [[10 * k + j for j in range(5)] for k in range(3)]
+
+
+def test_parallel_work_hands_on_its_error():
+    def fail(k: int) -> int:
+        if k == 2:
+            raise ValueError("two")
+        return k
+
+    for _ in range(2):  # and leaves the workers usable
+        with pytest.raises(ValueError, match="two"):
+            in_parallel(fail, np.ones(4))
+    assert in_parallel(lambda k: in_parallel(lambda j: j, [1, 1])[1], [1, 1, 1]) == [1, 1, 1]
