@@ -25,7 +25,7 @@ RIVAL = 15.0  # log-likelihood: a start that is worse by more is not tried on th
 ELSEWHERE = 0.1  # in log u: starts that are closer are the same
 ROUGH = {"rtol": 1e-4, "atol": 1e-5}  # tolerances over windows: errors of 1e-5 m/s are far below any noise
 REACH = 2.0  # times the largest friction force: how far from zero the initial bristle force may be
-MISFIT = 2.0  # times the noise by differences: residuals over windows that are larger set the level
+MISFIT = 20.0  # times the noise by differences: residuals over windows that are larger set the level
 GIVEN = "as given"  # a start that is fitted even where it looks poor over windows
 NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
 
@@ -67,7 +67,7 @@ def find_start(problem: Problem, given: Mapping[str, float] | None = None) -> li
     found = search(evaluator, space, locals_, points, 2, iterations=6, decrease=2.0)
     grid = ridge_grid(space, space.to_values(found[0].state.u), problem.fixed) if found else []
     if grid:
-        found += search(evaluator, space, found[0].state.locals, grid, 2, iterations=10, decrease=0.3)
+        found += search(evaluator, space, found[0].state.locals, grid, 2, iterations=25, decrease=0.3)
     return sorted([*own, *found], key=lambda solution: solution.state.cost)
 
 
