@@ -29,6 +29,7 @@ FEW = 0.1  # of all the friction: dry friction below is tried as all of it too
 WEAKEST = 0.01  # of the larger of dry and viscous friction: where the smaller one starts at least
 DAMPING_RATIO = (0.03, 1.0)
 STATIC_RATIO = (1.05, 4.0)  # mu_s / mu_c
+FLAT = 1.01  # the same where friction hardly rises towards rest
 RIDGE = (6, 8)  # grid over mu_s / mu_c and v_s
 SLOPPY = {"rtol": 1e-3, "atol": 1e-4}  # for ranking
 FIRST = 4  # one window in so many is simulated first: most points of a grid are out after these
@@ -149,6 +150,8 @@ def ridge_grid(space: Space, p: np.ndarray, fixed: Mapping[str, float]) -> list[
         for v_s in np.geomspace(space.low[j], space.high[j], RIDGE[1]):
             result.append(p.copy())
             result[-1][i], result[-1][j] = ratio * mu_c, v_s
+    result.append(p.copy())  # no rise towards rest: a law that has too much
+    result[-1][i] = FLAT * mu_c
     return result
 
 
