@@ -67,7 +67,7 @@ def find_start(problem: Problem, given: Mapping[str, float] | None = None) -> li
     found = search(evaluator, space, locals_, points, 2, iterations=6, decrease=2.0)
     grid = ridge_grid(space, space.to_values(found[0].state.u), problem.fixed) if found else []
     if grid:
-        found += search(evaluator, space, found[0].state.locals, grid, 2, iterations=25, decrease=0.3)
+        found += search(evaluator, space, found[0].state.locals, grid, 2, iterations=15, decrease=0.3)
     return sorted([*own, *found], key=lambda solution: solution.state.cost)
 
 
