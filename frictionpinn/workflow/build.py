@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ..data.check import check_trial
 from ..data.contact import ContactTrial, contact_trials
 from ..data.module import TrajectoryData, split_trials
@@ -23,6 +25,7 @@ from ..numerics.smoothing import NoSmoothing, SavitzkyGolay, Smoother, Smoothing
 from ..physics import LAWS, SYSTEMS, System
 
 Config = dict[str, Any]
+LARGEST = 1e50  # of a recorded value: its powers still are numbers
 
 NOISE: dict[str, Callable[..., Noise]] = {
     "none": NoNoise,
@@ -141,6 +144,13 @@ def _from_files(cfg: Config, system: System) -> Recording:
         trial_column=trial_column,
         gains=_mapping(cfg, "gains", "data"),
     )
+    for trial in recording.trials:
+        for name, values in trial.signals.items():
+            largest = float(np.nanmax(np.abs(values), initial=0.0))
+            if largest > LARGEST:
+                raise UserError("value that no mechanism has", where=f"{name}, trial {trial.name}",
+                                received=f"{largest:.3g}", allowed=f"up to {LARGEST:g} in SI units",
+                                fix="check the column and its unit")  # fmt: skip
     return _limited(recording, cfg.get("rate_hz"), cfg.get("max_samples"))
 
 
