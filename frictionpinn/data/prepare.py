@@ -13,6 +13,7 @@ from frictionpinn.errors import UserError
 # Clocks of recorders jitter, and times are rounded when written; filters need a uniform rate.
 _JITTER = 0.05
 _RIPPLE_DB = 0.05
+FEWEST = 8  # samples that a thinned trial must keep
 
 
 def sample_rate(t: np.ndarray, where: str = "t") -> float:
@@ -127,10 +128,20 @@ def thin(trial: Trial, rate_hz: float | None, cutoff_hz: float | None = None, ed
 
     Returns:
         The trial with its time, signals and truth thinned alike.
+
+    Raises:
+        UserError: times that are not uniform, or a rate that leaves fewer than ``FEWEST`` samples.
     """
     rate = sample_rate(trial.t, f"trial '{trial.name}', t")
     edge = round(edge_s * rate)
     inner = slice(edge, len(trial) - edge)
+    if rate_hz is not None and not rate_hz * len(trial) >= FEWEST * rate:
+        raise UserError(
+            "rate that leaves hardly a sample",
+            where=f"trial '{trial.name}', rate_hz",
+            received=f"{rate_hz:g} Hz",
+            allowed=f"at least {FEWEST * rate / len(trial):.3g} Hz, {FEWEST} samples of this trial",
+        )
     factor = 1 if rate_hz is None else max(round(rate / rate_hz), 1)
 
     def reduced(values: np.ndarray) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -27,7 +26,7 @@ from ..physics.mechanism import Mechanism
 from .noise import outliers
 
 LOUDER = 2.5  # times the noise that differences show, where the model cannot be simulated with that
-LONGEST_S = 20.0  # s: a refit that takes longer is given up where it is
+LONGEST = 150.0  # times the steps that simulate all trials once: a refit that takes more is given up
 LIFT = 0.2  # of the friction force: where a friction that vanished starts anew
 RELAXED = 1e3  # factor by which viscous friction may fall below the bounds of the declared model
 OUTLIERS = 2e-3  # share of lone residuals beyond five standard deviations from which the loss is robust
@@ -113,6 +112,13 @@ class Bench:
         return Sizes(self.tested, self.problem.motions, force)
 
     @cached_property
+    def usual_steps(self) -> int:
+        """Steps of the integrator that simulate all trials once, at the declared model's fit."""
+        before = self.simulator.steps_taken
+        self.simulate(self.base())
+        return self.simulator.steps_taken - before
+
+    @cached_property
     def checked(self) -> Problem | None:
         """The problem of the held-out trials; None where there are none."""
         if not self.held_out.trials:
@@ -193,10 +199,10 @@ class Bench:
         problem = self._problem(self.problem, names, values, limits)
         u = problem.space.to_search(np.array([values[name] for name in problem.names]))
 
-        end = time.perf_counter() + LONGEST_S
+        last = self.simulator.steps_taken + LONGEST * self.usual_steps
 
         def evaluate(u, locals_, derivatives, **options):
-            if time.perf_counter() > end:
+            if self.simulator.steps_taken > last:
                 return None  # a shape that makes the equations so stiff is no candidate
             return problem.evaluate(fit.models, u, locals_, derivatives, sigmas=sigmas, **options)
 

@@ -110,7 +110,12 @@ def contest(
 
 def _refitted(bench: Bench, before: Fit, classes: Sequence[Sequence[Tested]]) -> list[Contender]:
     """The first of every class refitted, the best first."""
-    fits = [(group[0], f) for group in classes if (f := add(bench, before, group[0])) is not None]
+    fits: list[Contender] = []
+    for group in classes:
+        # Beside a fit that leaves nothing but noise a candidate has to be as good from where it stands.
+        thorough = not any(explained(bench, fit) for _, fit in fits)
+        found = add(bench, before, group[0], thorough)
+        fits += [(group[0], found)] if found is not None else []
     fits.sort(key=lambda pair: penalised(pair[1]))
     if fits and bench.mechanism.memory and not explained(bench, fits[0][1]):
         reach_ = penalised(fits[0][1]) + max(NEAR, 0.1 * (before.state.cost - fits[0][1].state.cost))
@@ -174,13 +179,14 @@ def penalised(fit: Fit) -> float:
     return fit.state.cost + 0.5 * len(fit.names) * np.log(count)
 
 
-def add(bench: Bench, fit: Fit, tested: Tested) -> Fit | None:
+def add(bench: Bench, fit: Fit, tested: Tested, thorough: bool = True) -> Fit | None:
     """Refit with a candidate's strengths and hidden parameters, from the fit and, where that is astray, from others."""
     limits, step = reach(tested), tested.step
     names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
     worth = fit.state.cost - 0.3 * tested.statistic / 2
     tries: list[Fit] = []
-    bases = [fit.values, *({**fit.values, **start} for start in bench.starts if tested.statistic > ASTRAY)]
+    astray = thorough and tested.statistic > ASTRAY
+    bases = [fit.values, *({**fit.values, **start} for start in (bench.starts if astray else ()))]
     lifted = bench.lifted(fit.values)
     for base in [*bases, *([lifted] if lifted else [])]:
         # From neutral, since Gauss-Newton moves all parameters together; from its step where that fails.

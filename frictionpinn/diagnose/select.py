@@ -76,7 +76,7 @@ def select(
         _rescan(bench, selection, options, remainders, places)
         if bench.mechanism.memory and _doubtful(selection, options, settings) and _deepen(bench, selection):
             _rescan(bench, selection, options, remainders, places)
-        if len(selection.accepted) > 1 and _drop(bench, selection, settings):
+        if _drop(bench, selection, settings):
             _rescan(bench, selection, options, remainders, places)
     return selection
 
@@ -144,9 +144,13 @@ def _deepen(bench: Bench, selection: Selection) -> bool:
 
 
 def _drop(bench: Bench, selection: Selection, settings: Settings) -> bool:
-    """Take out effects that came first and are not needed beside later ones."""
+    """Take out effects without which the fit is as good from where it is now.
+
+    Those that came first may not be needed beside later ones; and the last may have gained nothing but a way out of a
+    wrong minimum.
+    """
     changed = False
-    for accepted in selection.accepted[:-1]:
+    for accepted in tuple(selection.accepted):
         own = {*accepted.candidate.strengths, *accepted.candidate.hidden}
         others = {
             n for a in selection.accepted if a is not accepted for n in (*a.candidate.strengths, *a.candidate.hidden)
@@ -156,10 +160,13 @@ def _drop(bench: Bench, selection: Selection, settings: Settings) -> bool:
         found = bench.refit(selection.fit, names, selection.fit.values | neutral)
         if found is not None and found.state.cost - selection.fit.state.cost < needed(accepted.tested, settings):
             loss = found.state.cost - selection.fit.state.cost
-            selection.refused.append(Refused(accepted.candidate, f"not needed beside later effects ({loss:+.1f} in "
-                                                                 "log-likelihood without it)"))  # fmt: skip
+            selection.refused.append(
+                Refused(accepted.candidate, f"not needed in the end ({loss:+.1f} in log-likelihood without it)")
+            )
             selection.fit, changed = found, True
             selection.accepted.remove(accepted)
+            if not selection.accepted:
+                selection.base = found
     return changed
 
 

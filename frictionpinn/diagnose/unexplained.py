@@ -81,12 +81,18 @@ def explained_share(bench: Bench, fit: Fit, found: Remaining, places: dict[str, 
     if checked is None:
         return float("nan")
     names = tuple(f"{found.kind}_{found.variable}_{k}" for k in range(BUMPS))
-    columns = [Columns.of(row, None) for row in bench.linearise(checked, names, places, probed=True)]
+    rows = bench.linearise(checked, names, places, probed=True)
+    columns = [Columns.of(row, None) for row in rows]
     normal = Normal.of(names, columns)
-    count = sum(len(c.r) - c.own.shape[1] for c in columns)
+    # A fit may take what it lacks for noise; differences from sample to sample do not.
+    level = {name: min(1.0, bench.problem.sigmas[name] / sigma) for name, sigma in checked.sigmas.items()}
+    floor = 0.0
+    for row, column in zip(rows, columns, strict=True):
+        noise = sum(level.get(name, 1.0) ** 2 * np.count_nonzero(r) for name, r in zip(row.signals, row.r, strict=True))
+        floor += noise * (1 - column.own.shape[1] / len(column.r))
     c = found.coefficients
     gained = -(2 * normal.b @ c + c @ normal.A @ c)
-    excess = normal.rr - count
+    excess = normal.rr - floor
     return float(np.clip(gained / excess, 0.0, 1.0)) if excess > 0 else float("nan")
 
 

@@ -120,7 +120,7 @@ def test_a_torque_is_reported_in_its_own_unit(quick, tmp_path):
 
 
 def test_a_single_trial_trains_and_says_that_its_errors_are_those_of_training(quick, tmp_path, caplog):
-    caplog.set_level("INFO")
+    caplog.set_level("INFO", logger="frictionpinn.workflow")
     trials = "data.trials=[{duration: 1.0, theta: '50*deg*sin(2*pi*t)'}]"
     result = quick(tmp_path, "model=bb1", trials, "data.held_out=null")
     assert result["data"]["trials"] == {"train": ["1"], "validation": [], "held_out": []}
