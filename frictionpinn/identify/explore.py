@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from .advice import invert
 from .parallel import in_parallel
-from .solve import Evaluate, Solution, State, levenberg_marquardt, reduced
+from .solve import KNOWN, Evaluate, Solution, State, levenberg_marquardt, reduced
 
 OFFSETS, LONGEST = (0.8, 1.6, 2.4), 1.0  # standard errors; in log u: where to restart
 FAR = 4.0  # standard errors: the neighbours, where a rugged likelihood may tell much less
 LEFT = 2.5  # log-likelihood: a point that lies by more above the quadratic model belongs to another minimum
 SHORT, LONG = 5, 15  # iterations of a search that may be given up, and that is worth finishing
 ENOUGH = 0.03  # gain in log-likelihood below which a search ends: the best minimum is refined later
+SETTLED = 0.5  # log-likelihood: a restart that is as near to the minimum as that returns to it
 ROUNDS, WORTH = 3, 0.5  # of restarts at most; gain in log-likelihood that is worth another
 PAIRS, SPREAD = 1, 1.5  # of restarts on opposite sides; their distance in standard errors
 NEAR, FORGOTTEN, SAME = 4.0, 6.0, 0.02  # log-likelihood: worth finishing, counted at all; in log u: the same minimum
@@ -32,12 +33,15 @@ def explore(evaluate: Evaluate, found: Solution, limits: tuple[np.ndarray, np.nd
     minima, generator = [found], np.random.default_rng(0)
     for _ in range(ROUNDS):
         best = minima[0]
-        points = _around(evaluate, best.state, limits, generator)
+        points, back = _around(evaluate, best.state, limits, generator), returned(best.state)
 
-        def restarted(k: int, points=points, rival=best.state.cost) -> Solution | None:
+        def restarted(k: int, points=points, best=best, visited=back) -> Solution | None:
             u, locals_ = points[k]
             first = evaluate(u, locals_, True)
-            return None if first is None else descend(evaluate, first, limits, rival)
+            if first is None:
+                return None
+            found = descend(evaluate, first, limits, best.state.cost, visited)
+            return best if found.reason == KNOWN else found
 
         others = in_parallel(restarted, [1.0] * len(points))
         minima = sorted([*minima, *(o for o in others if o is not None)], key=lambda solution: solution.state.cost)
@@ -60,12 +64,29 @@ def _moved(state: State, step: np.ndarray, limits: tuple[np.ndarray, np.ndarray]
     return u, [x if X is None else x - X[:, :n] @ (u - state.u) for x, X in zip(state.locals, back, strict=True)]
 
 
-def descend(evaluate: Evaluate, first: State, limits: tuple[np.ndarray, np.ndarray], rival: float) -> Solution:
-    """Levenberg-Marquardt search that is given up early where it does not come near the cost ``rival``."""
-    found = levenberg_marquardt(evaluate, first, limits, iterations=SHORT, decrease=ENOUGH)
-    if found.reason == "converged" or found.state.cost > rival + NEAR:
+def descend(
+    evaluate: Evaluate,
+    first: State,
+    limits: tuple[np.ndarray, np.ndarray],
+    rival: float,
+    visited: Callable[[State], bool] | None = None,
+) -> Solution:
+    """Levenberg-Marquardt search, given up early where it does not come near the cost ``rival`` or is ``visited``."""
+    found = levenberg_marquardt(evaluate, first, limits, iterations=SHORT, decrease=ENOUGH, visited=visited)
+    if found.reason in ("converged", KNOWN) or found.state.cost > rival + NEAR:
         return found
-    return levenberg_marquardt(evaluate, found.state, limits, iterations=LONG, decrease=ENOUGH)
+    return levenberg_marquardt(evaluate, found.state, limits, iterations=LONG, decrease=ENOUGH, visited=visited)
+
+
+def returned(best: State) -> Callable[[State], bool]:
+    """Whether a state lies in the minimum of ``best``: as near as a fraction of its errors, and about as low."""
+    S = reduced(best)[0]
+
+    def visited(state: State) -> bool:
+        d = state.u - best.u
+        return bool(0.5 * d @ S @ d < SETTLED and abs(state.cost - best.cost) < SETTLED)
+
+    return visited
 
 
 def _around(

@@ -13,7 +13,7 @@ from ..errors import UserError
 from ..numerics.simulate import ContactLost, SimulationFailed
 from ..physics.mechanism import Mechanism
 from .assemble import estimated_sigmas, failed, finish
-from .explore import descend, explore, neighbours
+from .explore import descend, explore, neighbours, returned
 from .problem import Problem
 from .result import Estimate
 from .solve import Evaluate, Solution, State, levenberg_marquardt
@@ -103,16 +103,21 @@ def with_bristle(problem: Problem, u: np.ndarray) -> tuple[TrialModel, ...]:
     return tuple(result)
 
 
+def _alike(start: State, other: State) -> bool:
+    """Whether two starts are the same, as far as the windows tell."""
+    return bool(np.abs(start.u - other.u).max() < ELSEWHERE or (other.curved and returned(other)(start)))
+
+
 def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, float]) -> tuple[Solution, tuple] | None:
     """Fit the whole trials from the best start, and from the others that are about as good but elsewhere."""
     best: tuple[Solution, tuple[TrialModel, ...]] | None = None
-    tried: list[np.ndarray] = []
+    tried: list[Solution] = []
     rival = RIVAL if problem.mechanism.memory else np.inf  # jumps at a sample more or less: windows rank poorly
     for start in starts:
         poor = start.state.cost > starts[0].state.cost + rival and start.reason != GIVEN
-        if poor or any(np.abs(start.state.u - u).max() < ELSEWHERE for u in tried):
+        if poor or any(_alike(start.state, other.state) for other in tried):
             continue
-        tried.append(start.state.u)
+        tried.append(start)
         try:
             models = with_bristle(problem, start.state.u)
         except (ContactLost, SimulationFailed):

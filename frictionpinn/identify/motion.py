@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
 from ..numerics.paths import InputPath
-from ..numerics.smoothing import SmoothingSpline
+from ..numerics.smoothing import Coordinate, Smoothed, SmoothingSpline
 from ..physics.mechanism import Mechanism
 from .trial import TrialModel
 
@@ -90,9 +90,8 @@ def smoothed(mechanism: Mechanism, models: Sequence[TrialModel], sigmas: Mapping
     for c in mechanism.free:
         known = [sigmas.get(name) for name in c.signals]
         data = [(m.t, _row(m, c.signals[0]), _row(m, c.signals[1]), _row(m, c.signals[2])) for m in models]
-        smoother = _best_spline(data, known)
-        for own, trial in zip(signals, data, strict=True):
-            own.update(zip(c.signals, smoother(*trial)[:3], strict=True))
+        for own, smooth in zip(signals, _smoothed(data, known), strict=True):
+            own.update(zip(c.signals, smooth[:3], strict=True))
     v_slip = _function(mechanism, mechanism.system.v_slip)
     defaults = _defaults(mechanism)
     slips = [v_slip(own, defaults) for own in signals]
@@ -191,28 +190,29 @@ def _row(model: TrialModel, name: str) -> np.ndarray | None:
     return model.y[names.index(name)] if name in names else None
 
 
-def _best_spline(data, sigmas) -> SmoothingSpline:
-    best, least = None, np.inf
+def _smoothed(data: Sequence[Coordinate], sigmas: Sequence[float | None]) -> list[Smoothed]:
+    """Every trial through the spline of least Bayesian information criterion over all of them."""
+    best: list[Smoothed] | None = None
+    least = np.inf
     for spacing in SPACINGS:
         if spacing > min(len(trial[0]) for trial in data) // 3:
             continue
         smoother = SmoothingSpline(spacing=spacing).fit(data, sigmas)
-        value, count = 0.0, 0
-        squares: dict[int, list[np.ndarray]] = {}
-        for trial in data:
-            fitted = smoother(*trial)
-            count += len(trial[0]) // spacing + 5
-            for k in range(3):
-                if trial[k + 1] is not None:
-                    squares.setdefault(k, []).append((trial[k + 1] - fitted[k]) ** 2)
-        for rows in squares.values():
-            joined = np.concatenate(rows)
-            value += np.sum(~np.isnan(joined)) * np.log(np.nanmean(joined) + 1e-300)
-        samples = sum(len(row) for rows in squares.values() for row in rows)
-        value += count * np.log(samples)
+        fits = [smoother(*trial) for trial in data]
+        value, samples = 0.0, 0
+        for k in range(3):
+            rows = [(t[k + 1] - fit[k]) ** 2 for t, fit in zip(data, fits, strict=True) if t[k + 1] is not None]
+            if rows:
+                joined = np.concatenate(rows)
+                value += np.sum(~np.isnan(joined)) * np.log(np.nanmean(joined) + 1e-300)
+                samples += len(joined)
+        value += sum(len(trial[0]) // spacing + 5 for trial in data) * np.log(samples)
         if value < least:
-            best, least = smoother, value
-    return best or SmoothingSpline(spacing=2).fit(data, sigmas)
+            best, least = fits, value
+    if best is None:
+        smoother = SmoothingSpline(spacing=2).fit(data, sigmas)
+        best = [smoother(*trial) for trial in data]
+    return best
 
 
 def _defaults(mechanism: Mechanism) -> dict[str, float]:

@@ -4,40 +4,69 @@ from __future__ import annotations
 
 import os
 import threading
+from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 T = TypeVar("T")
 WORKERS = max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
-_POOL = ThreadPoolExecutor(max_workers=WORKERS)
-_INSIDE = threading.local()
+_POOL = ThreadPoolExecutor(max_workers=max(1, WORKERS - 1))  # beside the thread that asks
+_LOCK = threading.Lock()
+_helping = 0
 
 
 def in_parallel(work: Callable[[int], T], loads: Sequence[float]) -> list[T]:
-    """[work(0), work(1), ...] on all cores: one batch a core, of about equal load.
+    """[work(0), work(1), ...] on all cores, the largest load first, whoever is free takes the next.
 
-    Work that is parallel itself does its parts one after another: whole fits side by side wait less for one another
-    than the parts of one fit.
+    Work may be parallel itself: its parts are shared only with cores that have nothing else to do, since whole fits
+    side by side wait less for one another than the parts of one fit.
     """
-    batches: list[list[int]] = [[] for _ in range(min(WORKERS, len(loads)))]
-    totals = [0.0] * len(batches)
-    for k in sorted(range(len(loads)), key=lambda k: -loads[k]):
-        lightest = totals.index(min(totals))
-        batches[lightest].append(k)
-        totals[lightest] += loads[k]
-    if len(batches) < 2 or getattr(_INSIDE, "yes", False):
-        return [work(k) for k in range(len(loads))]
+    waiting = deque(sorted(range(len(loads)), key=lambda k: -loads[k]))
+    found: dict[int, T] = {}
 
-    def run(batch: list[int]) -> list[T]:
-        _INSIDE.yes = True
+    def run() -> None:
         try:
-            return [work(k) for k in batch]
-        finally:
-            _INSIDE.yes = False
+            while waiting:
+                try:
+                    k = waiting.popleft()
+                except IndexError:  # another was quicker
+                    return
+                found[k] = work(k)
+        except BaseException:
+            waiting.clear()
+            raise
 
-    results = list(_POOL.map(run, batches))
-    found = {
-        k: value for batch, values in zip(batches, results, strict=True) for k, value in zip(batch, values, strict=True)
-    }
+    helpers = [_POOL.submit(_counted, run) for _ in range(_reserve(len(loads) - 1))]
+    try:
+        run()
+    finally:
+        late = [helper for helper in helpers if not helper.cancel()]
+        _release(len(helpers) - len(late))
+        errors = [helper.exception() for helper in late]  # waits
+    for error in errors:
+        if error is not None:
+            raise error
     return [found[k] for k in range(len(loads))]
+
+
+def _reserve(wanted: int) -> int:
+    """How many cores of those wanted are free to help; they count as taken from now on."""
+    global _helping
+    with _LOCK:
+        count = max(0, min(wanted, WORKERS - 1 - _helping))
+        _helping += count
+    return count
+
+
+def _release(count: int) -> None:
+    global _helping
+    with _LOCK:
+        _helping -= count
+
+
+def _counted(run: Callable[[], None]) -> None:
+    try:
+        run()
+    finally:
+        _release(1)

@@ -13,6 +13,7 @@ from .trial import Piece
 LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
 STUCK, PATIENCE = 1e12, 5  # damping beyond which no step will help; rejected steps in a row
 TRUSTED = 0.75, 1.5  # decrease over that predicted
+FELT = 2e-3  # damping below which a rejected step would hardly change
 SMALL = 5.0  # times the decrease asked for: two steps in a row that gain less end the search (the cost has kinks)
 
 
@@ -35,6 +36,11 @@ class State:
         """Half the sum of squares (or of the robust cost)."""
         return sum(piece.cost for piece in self.pieces)
 
+    @property
+    def curved(self) -> bool:
+        """Whether it was computed with derivatives."""
+        return all(len(piece.gg) for piece in self.pieces)
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -46,6 +52,7 @@ class Solution:
     reason: str
 
 
+KNOWN = "known"  # why a search ended that came where another had been
 Evaluate = Callable[[np.ndarray, Sequence[np.ndarray], bool], State | None]
 
 
@@ -110,6 +117,7 @@ def levenberg_marquardt(
     relative: float = 1e-10,
     decrease: float = 3e-3,
     damping: float = 1e-3,
+    visited: Callable[[State], bool] | None = None,
 ) -> Solution:
     """Minimise the cost within bounds on the global unknowns.
 
@@ -121,6 +129,7 @@ def levenberg_marquardt(
         evaluate: (u, locals, derivatives) -> State, or None where the model cannot be simulated.
         start: with derivatives.
         limits: bounds of u.
+        visited: tells whether a state lies where another search has been; there this one ends.
 
     Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05 (1999), for the damping.
     """
@@ -133,6 +142,8 @@ def levenberg_marquardt(
         full = _step(state, 0.0, at)
         if full is not None and abs(full[2]) < decrease:
             return Solution(state, iteration, evaluations, "converged")
+        if visited is not None and visited(state):
+            return Solution(state, iteration, evaluations, KNOWN)
         rejected = 0
         while True:
             step = _step(state, damping, at)
@@ -149,7 +160,7 @@ def levenberg_marquardt(
                 trust = TRUSTED[0] < ratio < TRUSTED[1]
                 break
             trust = False
-            damping, growth = max(damping, 1e-9) * growth, growth * 2
+            damping, growth = max(damping, FELT) * growth, growth * 2
             rejected += 1
             if damping > STUCK or rejected > PATIENCE:
                 return Solution(state, iteration, evaluations, "stuck")

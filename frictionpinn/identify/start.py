@@ -17,7 +17,7 @@ from scipy.stats import qmc
 from ..models.start import DECADES
 from ..physics.mechanism import Mechanism
 from .motion import Motion, effective_mass, sliding_regression
-from .parallel import WORKERS, in_parallel
+from .parallel import in_parallel
 from .solve import Evaluate, Solution, levenberg_marquardt
 from .space import Space
 from .units import Sizes, mean_load, shaped
@@ -32,6 +32,8 @@ STATIC_RATIO = (1.05, 4.0)  # mu_s / mu_c
 FLAT = 1.01  # the same where friction hardly rises towards rest
 RIDGE = (6, 8)  # grid over mu_s / mu_c and v_s
 SLOPPY = {"rtol": 1e-3, "atol": 1e-4}  # for ranking
+BEGUN, BEHIND = 6, 60.0  # iterations before refinements are compared; in log-likelihood: given up
+TOGETHER = 2  # points completed at once: not the number of cores, on which no result may depend
 FIRST = 4  # one window in so many is simulated first: most points of a grid are out after these
 
 
@@ -161,6 +163,7 @@ def search(
     locals_: Sequence[np.ndarray],
     points: Sequence[np.ndarray],
     best: int,
+    iterations: int,
     **options,
 ) -> list[Solution]:
     """Rank parameter vectors by a cheap simulation and refine the best few; lowest cost first.
@@ -169,17 +172,28 @@ def search(
         evaluator: indices of windows -> their (u, locals, derivatives, **simulator's options) -> State or None.
         locals_: local unknowns that every vector starts with.
         points: parameter vectors, SI units.
-        best: how many are refined.
+        best: how many are refined; those that are far behind the best after a few iterations no further.
+        iterations: of each at most.
         options: of the Levenberg-Marquardt search.
     """
     evaluate = evaluator(range(len(locals_)))
     us = lowest(evaluator, locals_, [space.to_search(p) for p in points], best)
 
-    def refined(k: int) -> Solution | None:
+    def begun(k: int) -> Solution | None:
         first = evaluate(us[k], locals_, True)
-        return None if first is None else levenberg_marquardt(evaluate, first, space.limits, **options)
+        few = min(iterations, BEGUN)
+        return None if first is None else levenberg_marquardt(evaluate, first, space.limits, iterations=few, **options)
 
-    found = [solution for solution in in_parallel(refined, [1.0] * len(us)) if solution is not None]
+    found = [solution for solution in in_parallel(begun, [1.0] * len(us)) if solution is not None]
+    if iterations > BEGUN:
+        least = min((solution.state.cost for solution in found), default=np.inf)
+
+        def finished(k: int) -> Solution:
+            if found[k].reason == "converged" or found[k].state.cost > least + BEHIND:
+                return found[k]
+            return levenberg_marquardt(evaluate, found[k].state, space.limits, iterations=iterations - BEGUN, **options)
+
+        found = in_parallel(finished, [1.0] * len(found))
     return sorted(found, key=lambda solution: solution.state.cost)
 
 
@@ -210,7 +224,7 @@ def lowest(
     ranked: list[tuple[float, int]] = []
     least = np.inf
     while begun and (len(ranked) < count or begun[0][0] + least <= ranked[count - 1][0]):
-        now, begun = begun[:WORKERS], begun[WORKERS:]
+        now, begun = begun[:TOGETHER], begun[TOGETHER:]
         others = [other for other, _ in costs(rest, [k for _, k in now])]
         least = min([least, *others])
         ranked = sorted([*ranked, *((cost + other, k) for (cost, k), other in zip(now, others, strict=True))])

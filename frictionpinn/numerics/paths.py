@@ -192,6 +192,9 @@ class Directions:
         Raises:
             UserError: a path of another shape.
         """
+        if not paths:
+            nothing = np.zeros((0, *shape)), np.zeros((0, shape[0] + 1, shape[1])), np.zeros((0, 2), np.int64)
+            return cls({}, *nothing, np.zeros(0, np.int64))
         for name, path in paths.items():
             if path.coefficients.shape != tuple(shape):
                 raise UserError("direction on other times than the path", where=f"directions.{name}")
