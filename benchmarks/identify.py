@@ -1,22 +1,25 @@
 """Every estimator on the same data, machine and simulator: how long until its error is as small as it gets.
 
     python benchmarks/identify.py [--seeds 3] [--budget 150]
+    python benchmarks/identify.py --from-seed 1 --seeds 1 --keep     # adds to what was measured before
 
 The six-trial protocol of conf/system/pob.yaml at 5 % noise; bounds two decades wide with the truth somewhere inside.
 The searches start anywhere within them and, as a user would who knows no truth, start anew elsewhere when they have
 converged, until their budget (s) is spent; what counts at any time is the point of lowest cost so far. Their cost takes
 the swing as its smoothed path; "inputs fixed" is maximum likelihood under the same assumption. The error is the root
 mean square of the relative errors of sigma_0, sigma_1, sigma_2 and mu_c, each over its Cramer-Rao bound; an estimator
-that names no value for a parameter has an infinite one. Writes identify.txt and identify.png.
+that names no value for a parameter has an infinite one. Writes identify.json, identify.txt and
+identify.png.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import statistics
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -160,7 +163,10 @@ def table(results: dict[str, list[Run]], own: Case, budget: float) -> str:
         better = sum(o <= e for _, e, o in good)
         lines.append(f"maximum likelihood is {once:.1f} times faster than one {method} until it converges, "
                      f"{until:.1f} times faster than {method} until the least error of its budget, ")  # fmt: skip
-        lines.append(f"    at an error no larger in {better} of {len(good)}")
+        right = [r.first[0] / o.first[0] for r, o in zip(runs, ours, strict=True) if r.first[1] <= TARGETS[1]]
+        slower = "".join(f", {ratio:.1f} times slower" for ratio in right)
+        lines.append(f"    at an error no larger in {better} of {len(good)}; one run ended within {TARGETS[1]:g} "
+                     f"bounds in {len(right)} of {len(runs)}{slower}")  # fmt: skip
     lines.append("relative errors at the end, medians, %: " + ", ".join(own.truth))
     for method, runs in results.items():
         off = [100 * statistics.median(abs(r.values[n] / own.truth[n] - 1) for r in runs) for n in own.truth]
@@ -189,34 +195,62 @@ def draw(results: dict[str, list[Run]], budget: float) -> Figure:
     return figure
 
 
+def earlier(file: Path, budget: float) -> dict[str, dict[str, Run]]:
+    """Runs measured before with the same budget: method -> seed -> run."""
+    saved = json.loads(file.read_text()) if file.exists() else {"budget": None}
+    if saved["budget"] != budget:
+        return {}
+    return {
+        method: {
+            seed: Run([(s, e) for s, e in run["path"]], tuple(run["first"]), run["simulations"], run["values"])
+            for seed, run in runs.items()
+        }
+        for method, runs in saved["methods"].items()
+    }
+
+
+def write(folder: Path, measured: dict[str, dict[str, Run]], own: Case, budget: float) -> None:
+    """The runs, their table and their figure."""
+    plain = {method: {seed: asdict(run) for seed, run in runs.items()} for method, runs in measured.items()}
+    (folder / "identify.json").write_text(json.dumps({"budget": budget, "methods": plain}) + "\n")
+    complete = set.intersection(*(set(runs) for runs in measured.values()))  # seeds that every method has
+    if not complete:
+        return
+    seeds = sorted(complete, key=int)
+    results = {method: [runs[seed] for seed in seeds] for method, runs in measured.items()}
+    text = (
+        f"python benchmarks/identify.py --seeds {len(seeds)} --budget {budget:g}\n"
+        f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; medians over seeds\n\n{table(results, own, budget)}\n"
+    )
+    print(text)
+    (folder / "identify.txt").write_text(text)
+    draw(results, budget).savefig(folder / "identify.png", dpi=120)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--from-seed", type=int, default=0)
     parser.add_argument("--budget", type=float, default=150.0, help="s for each search and seed")
     parser.add_argument("--folder", type=Path, default=RESULTS)
     parser.add_argument("--methods", nargs="*", default=list(METHODS), choices=list(METHODS))
+    parser.add_argument("--keep", action="store_true", help="keep other seeds and methods of identify.json")
     arguments = parser.parse_args()
     own, noise = case(), GaussianNoise(LEVEL)
     methods = ["maximum_likelihood", "maximum_likelihood, inputs fixed", *arguments.methods]
-    maximum_likelihood(own.mechanism, noise(own.clean, 999))  # compiled code warm
-    results: dict[str, list[Run]] = {method: [] for method in methods}
-    for seed in range(arguments.seeds):
+    measured = earlier(arguments.folder / "identify.json", arguments.budget) if arguments.keep else {}
+    for method in methods[:2]:  # compiled code warm
+        likelihood_run(method, own, noise(own.clean, 999), bounds_for(own.truth, 999))
+    for seed in range(arguments.from_seed, arguments.from_seed + arguments.seeds):
         noisy, bounds = noise(own.clean, seed), bounds_for(own.truth, seed)
         for method in methods:
             if method.startswith("maximum_likelihood"):
                 run = likelihood_run(method, own, noisy, bounds)
             else:
                 run = search_run(method, own, noisy, bounds, seed, arguments.budget)
-            results[method].append(run)
+            measured.setdefault(method, {})[str(seed)] = run
             print(f"{method} {seed}: {run.first[0]:.1f} s, error {run.first[1]:.2f}, end {run.final:.2f}", flush=True)
-    text = (
-        f"python benchmarks/identify.py --seeds {arguments.seeds} --budget {arguments.budget:g}\n"
-        f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; medians over seeds\n\n"
-        f"{table(results, own, arguments.budget)}\n"
-    )
-    print(text)
-    (arguments.folder / "identify.txt").write_text(text)
-    draw(results, arguments.budget).savefig(arguments.folder / "identify.png", dpi=120)
+        write(arguments.folder, measured, own, arguments.budget)
 
 
 if __name__ == "__main__":
