@@ -51,8 +51,8 @@ def cost_from_truth(problem: Problem, truth: dict[str, float], sigmas: dict[str,
     u = problem.space.to_search(p)
     models = with_bristle(problem, u)
 
-    def evaluate(u, locals_, derivatives):
-        return problem.evaluate(models, u, locals_, derivatives, sigmas=sigmas)
+    def evaluate(u, locals_, derivatives, **options):
+        return problem.evaluate(models, u, locals_, derivatives, sigmas=sigmas, **options)
 
     first = evaluate(u, [model.local for model in models], True)
     found = levenberg_marquardt(evaluate, first, problem.space.limits, iterations=30)

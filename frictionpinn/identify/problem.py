@@ -121,17 +121,23 @@ class Problem:
         *,
         joint: bool | None = None,
         sigmas: Mapping[str, float] | None = None,
+        ran: State | None = None,
         **options,
     ) -> State | None:
-        """Cost at u and the local unknowns, all trials in parallel; None where one cannot be simulated."""
+        """Cost at u and the local unknowns, all trials in parallel; None where one cannot be simulated.
+
+        ``ran`` is the state there from ``strict`` simulations: with derivatives, nothing is simulated again.
+        """
         p, joint = self.values(u), self.joint if joint is None else joint
         sigmas, names = sigmas or self.sigmas, self.names if derivatives else ()
-        self._calls.append(derivatives)
+        runs = [None] * len(models) if ran is None else [part.run for part in ran.pieces]
+        if not derivatives or any(run is None for run in runs):
+            self._calls.append(derivatives)
         change = self.space.jacobian(u)
 
         def piece(k: int) -> Piece | None:
             try:
-                found = models[k].evaluate(p, locals_[k], sigmas, self.loss, names, joint, **options)
+                found = models[k].evaluate(p, locals_[k], sigmas, self.loss, names, joint, runs[k], **options)
             except (ContactLost, SimulationFailed):
                 return None
             if not names:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,7 +53,7 @@ class Solution:
 
 
 KNOWN = "known"  # why a search ended that came where another had been
-Evaluate = Callable[[np.ndarray, Sequence[np.ndarray], bool], State | None]
+Evaluate = Callable[..., State | None]  # (u, locals, derivatives, **options of Problem.evaluate)
 
 
 def reduced(state: State, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray, list]:
@@ -126,7 +126,8 @@ def levenberg_marquardt(
     ``relative`` of itself, or the undamped model promises less than ``decrease`` (in units of the log-likelihood).
 
     Args:
-        evaluate: (u, locals, derivatives) -> State, or None where the model cannot be simulated.
+        evaluate: (u, locals, derivatives, **options) -> State, or None where the model cannot be simulated; options
+            as of :meth:`Problem.evaluate`.
         start: with derivatives.
         limits: bounds of u.
         visited: tells whether a state lies where another search has been; there this one ends.
@@ -151,7 +152,7 @@ def levenberg_marquardt(
             if step is not None:
                 u = np.clip(state.u + step[0], low, high)
                 locals_ = [x + d for x, d in zip(state.locals, step[1], strict=True)]
-                better, evaluations = evaluate(u, locals_, trust), evaluations + 1
+                better, evaluations = evaluate(u, locals_, trust, strict=True), evaluations + 1
             gain = state.cost - better.cost if better else -np.inf
             if step is not None and better is not None and gain > 0:
                 ratio = gain / max(step[2], 1e-300)
@@ -165,7 +166,7 @@ def levenberg_marquardt(
             if damping > STUCK or rejected > PATIENCE:
                 return Solution(state, iteration, evaluations, "stuck")
         small = small + 1 if gain < max(relative * state.cost, SMALL * decrease) else 0
-        found = better if known else evaluate(better.u, better.locals, True)
+        found = better if known else evaluate(better.u, better.locals, True, ran=better)
         state = found if found is not None else replace(better, pieces=state.pieces)
         if small > 1 or found is None:
             return Solution(state, iteration + 1, evaluations, "converged" if found else "stuck")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,8 @@ class NoisyInput:
 class Piece:
     """Contribution of one trial to the cost: value, gradient and Gauss-Newton matrix, split into global and local.
 
-    ``residuals`` holds model minus measurement by signal, in SI units.
+    ``residuals`` holds model minus measurement by signal, in SI units; ``run`` the simulation, where it was asked to be
+    ``strict``: derivatives can be added to it.
     """
 
     cost: float
@@ -50,6 +51,7 @@ class Piece:
     ll: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     grad_g: np.ndarray = field(default_factory=lambda: np.zeros(0))
     grad_l: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    run: Simulation | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -129,15 +131,27 @@ class TrialModel:
         return y0
 
     def simulate(
-        self, p: Mapping[str, float], local: np.ndarray, names: Sequence[str] = (), joint: bool = False, **options
+        self,
+        p: Mapping[str, float],
+        local: np.ndarray,
+        names: Sequence[str] = (),
+        joint: bool = False,
+        ran: Simulation | None = None,
+        **options,
     ) -> Simulation:
-        """Simulate at the parameters and local unknowns, with sensitivities if ``names`` are given."""
+        """Simulate at the parameters and local unknowns, with sensitivities if ``names`` are given.
+
+        ``ran`` is a strict simulation there, to which they are added.
+        """
         wanted = [*names, *(f"{state}(0)" for state in self.states)] if names else []
         directions: Any = self.directions if names and joint and self.directions is not None else {}
-        return self.simulator.simulate(
-            self.t, self.path(local), p, self.initial(p, local), z0="steady", sensitivities=wanted,
-            directions=directions, **options,
-        )  # fmt: skip
+        path, y0 = self.path(local), self.initial(p, local)
+        if ran is None or not names:
+            return self.simulator.simulate(
+                self.t, path, p, y0, z0="steady", sensitivities=wanted, directions=directions, **options
+            )
+        changes = self.simulator.differentiate(ran, path, p, wanted, directions, steady="z" not in y0)
+        return replace(ran, sensitivity_names=(*wanted, *directions), sensitivities=changes)
 
     def evaluate(
         self,
@@ -147,13 +161,14 @@ class TrialModel:
         loss: Loss,
         names: Sequence[str] = (),
         joint: bool = False,
+        ran: Simulation | None = None,
         **options,
     ) -> Piece:
-        """Cost of the trial, and with ``names`` of free parameters its derivatives.
+        """Cost of the trial, and with ``names`` of free parameters its derivatives (from ``ran`` as in ``simulate``).
 
         The derivatives in the parameters are in their own units, those in the initial bristle in the bristle force's.
         """
-        run = self.simulate(p, local, names, joint, **options)
+        run = self.simulate(p, local, names, joint, ran, **options)
         model = self.predict(run)
         residuals = {name: row - y for name, row, y in zip(self.outputs, model, self.y, strict=True)}
         scale = np.array([sigmas[name] for name in self.outputs])
@@ -190,7 +205,7 @@ class TrialModel:
                 grad_l[first:end] += g_in
                 first = end
         if not names:
-            return Piece(cost, residuals)
+            return Piece(cost, residuals, run=run if options.get("strict") else None)
         ll[np.diag_indices(n_l)] += RELATIVE_FLOOR * (ll.diagonal().max() if n_l else 0.0)
         return Piece(cost, residuals, H[:n_g, :n_g], H[:n_g, n_g:], ll, gradient[:n_g], grad_l)
 

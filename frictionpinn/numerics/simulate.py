@@ -102,6 +102,7 @@ class Simulator:
         rtol: float = 1e-5,
         atol: float = 1e-6,
         steps: Steps | None = None,
+        strict: bool = False,
     ) -> Simulation:
         """Integrate the mechanism over the sample times.
 
@@ -121,6 +122,8 @@ class Simulator:
                 velocity of the pendulum on a box is within 1e-5 m/s.
             steps: take these steps of an earlier simulation of the same times instead of choosing any (parameters
                 little changed: a step that was small enough for Newton's method there is not halved here).
+            strict: solve the equations as closely as sensitivities need, see :meth:`differentiate`; with sensitivities
+                always.
 
         Raises:
             ContactLost: the normal force reaches zero.
@@ -133,7 +136,7 @@ class Simulator:
         wanted = self._wanted(sensitivities, directions, recorded, vector)
         path = self._drive.path(recorded, vector)
         start = self._start(y0, z0, path.coefficients[0, :, 0], vector)
-        states, unknowns, record = self._integrate(path, vector, start, rtol, atol, steps, bool(wanted.names))
+        states, unknowns, record = self._integrate(path, vector, start, rtol, atol, steps, strict or bool(wanted.names))
         truth = self._result(path, recorded, vector, states, unknowns, record)
         known = self._known(truth.signals, truth.F)
         result = replace(truth, signals=truth.signals | self._sensors.read(path.t, known, vector))
@@ -148,31 +151,40 @@ class Simulator:
         return replace(result, sensitivity_names=names, sensitivities=changes)
 
     def differentiate(
-        self, run: Simulation, inputs: InputPath, p: Values, sensitivities: Sequence[str], *, steady: bool = True
+        self,
+        run: Simulation,
+        inputs: InputPath,
+        p: Values,
+        sensitivities: Sequence[str],
+        directions: Mapping[str, InputPath] | Directions = _NONE,
+        *,
+        steady: bool = True,
     ) -> dict[str, np.ndarray]:
-        """Sensitivities of a simulation at parameters that lead to the same motion.
+        """Sensitivities of a simulation, at its parameters or at others that lead to the same motion.
 
-        So the shape of an effect that is at its neutral strength can be varied without simulating again. Not for
-        parameters that move a state of an effect, or that delay an input.
+        So the shape of an effect that is at its neutral strength can be varied without simulating again. At other
+        parameters not for those that move a state of an effect, or that delay an input.
 
         Args:
-            run: of this simulator.
+            run: of this simulator, ``strict``.
             inputs: its input path.
             p: parameters, see :meth:`parameters`.
-            sensitivities: names of parameters.
+            sensitivities, directions: see :meth:`simulate`.
             steady: whether the initial bristle state was "steady".
 
         Returns:
             signal -> derivatives, shape (n, n_sens), see :class:`Simulation`.
         """
         vector = self.parameters(p)
-        wanted = self._wanted(sensitivities, {}, inputs, vector)
+        wanted = self._wanted(sensitivities, directions, inputs, vector)
         path = self._drive.path(inputs, vector)
-        truth = dict(run.signals)  # what sensors show gives way to what is
+        truth = dict(inputs.signals)  # what is, not what sensors show
         for j, c in enumerate(self.mechanism.free):
             truth.update(zip(c.signals, (run.q[:, j], run.v[:, j], run.a[:, j]), strict=True))
         changes = self._changes(run, path, self._known(truth, run.F), vector, wanted, steady)
-        order = [wanted.names.index(name) for name in sensitivities]
+        if (names := (*sensitivities, *directions)) == wanted.names:
+            return changes
+        order = [wanted.names.index(name) for name in names]
         return {name: columns[:, order] for name, columns in changes.items()}
 
     def _changes(
