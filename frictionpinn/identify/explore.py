@@ -15,8 +15,8 @@ FAR = 4.0  # standard errors: the neighbours, where a rugged likelihood may tell
 LEFT = 2.5  # log-likelihood: a point that lies by more above the quadratic model belongs to another minimum
 SHORT, LONG = 5, 15  # iterations of a search that may be given up, and that is worth finishing
 ENOUGH = 0.03  # gain in log-likelihood below which a search ends: the best minimum is refined later
-SETTLED = 0.1  # log-likelihood: a restart that is as near to the minimum as that has returned to it
-ROUNDS, WORTH = 3, 0.5  # of restarts at most; gain in log-likelihood that is worth another
+SETTLED = 0.2  # log-likelihood: a restart that is as near to the minimum as that has returned to it
+ROUNDS, WORTH = 3, 1.0  # of restarts at most; gain in log-likelihood that is worth another
 PAIRS, SPREAD = 1, 1.5  # of restarts on opposite sides; their distance in standard errors
 NEAR, FORGOTTEN, SAME = 4.0, 6.0, 0.02  # log-likelihood: worth finishing, counted at all; in log u: the same minimum
 
