@@ -15,6 +15,7 @@ from ..physics.base import CONTACT, TIME
 from ..physics.mechanism import Mechanism
 from ..physics.system import Coordinate, System
 from .diagnosis import Diagnosis
+from .remainder import remainders
 
 _HEAD = "# A friction model with the effects that a diagnosis added: python train.py friction=<this file>\n"
 
@@ -24,10 +25,11 @@ def save_augmented(path: Path, d: Diagnosis, cfg: Mapping[str, Any]) -> Mechanis
     system, law = d.bench.mechanism.system, d.bench.mechanism.law
     present = [e.name for e in d.bench.mechanism.effects]
     effects = list(dict.fromkeys([*present, *(a.candidate.effect for a in d.accepted)]))
-    mechanism = Mechanism(system, law, tuple(effects))  # type: ignore[arg-type]
+    network = () if d.network is None else (d.network.effect,)
+    mechanism = Mechanism(system, law, (*effects, *network))  # type: ignore[arg-type]
     own = [par.name for par in law.parameters]
     masses = {par.name for par in system.parameters}
-    table = d.after.values
+    table = d.after.values if d.network is None else d.network.fit.values
     values = {par.name: float(table[par.name]) for par in mechanism.parameters if par.name in table}
     content = {
         "name": law.name,
@@ -104,7 +106,9 @@ def load_augmented(path: str | Path) -> tuple[Mechanism, dict[str, float]]:
         given, effects = content["system"], content["effects"]
         kind = choose(given["name"], SYSTEMS, "system")
         system = kind(equations=given["equations"], imposed=given["imposed"], **given["parameters"])
-        mechanism = Mechanism(system, choose(content["name"], LAWS, "friction")(), tuple(effects))
+        networks = {r.name: r for r in remainders(system)}
+        acting = tuple(networks.get(name, name) for name in effects)
+        mechanism = Mechanism(system, choose(content["name"], LAWS, "friction")(), acting)
         values = dict(content["values"]) | {k: v for table in effects.values() for k, v in table.items()}
     except (KeyError, TypeError, AttributeError, yaml.YAMLError) as error:
         raise UserError("not a friction model", where="friction", received=str(path),

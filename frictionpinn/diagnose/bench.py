@@ -157,10 +157,12 @@ class Bench:
         names: Sequence[str],
         values: Mapping[str, float],
         limits: Mapping[str, tuple[float, float]] | None = None,
+        simulator: Simulator | None = None,
     ) -> Problem:
         """The problem with these parameters free, the others held at their values."""
         made = copy.copy(problem)
-        made.mechanism, made.simulator = self.tested, self.simulator
+        made.simulator = simulator or self.simulator
+        made.mechanism = made.simulator.mechanism
         made.fixed = {name: value for name, value in values.items() if name not in names}
         bounds = {
             name: (low, high)
@@ -170,10 +172,12 @@ class Bench:
             low, high = bounds["sigma_2"]
             bounds["sigma_2"] = (low / RELAXED, high)
         bounds |= dict(limits or {})
-        table = {par.name: par for par in self.tested.parameters}
+        table = {par.name: par for par in made.mechanism.parameters}
         scales = replace(problem.scales, start={name: values[name] for name in names}, sizes=self.sizes)
         sizes = {name: self.sizes.of(table[name]) for name in names}
-        made.space = Space.build(self.tested, names, default_bounds(self.tested, scales, bounds), made.fixed, sizes)
+        made.space = Space.build(
+            made.mechanism, names, default_bounds(made.mechanism, scales, bounds), made.fixed, sizes
+        )
         made.shapes = ()
         made.names = made.space.names
         return made
@@ -196,13 +200,13 @@ class Bench:
     ) -> Fit | None:
         """Estimate ``names`` anew from these values and the fit's unknowns of the trials; None where that fails."""
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
-        problem = self._problem(self.problem, names, values, limits)
+        problem = self._problem(self.problem, names, values, limits, fit.models[0].simulator)
         u = problem.space.to_search(np.array([values[name] for name in problem.names]))
 
-        last = self.simulator.steps_taken + LONGEST * self.usual_steps
+        last = problem.simulator.steps_taken + LONGEST * self.usual_steps
 
         def evaluate(u, locals_, derivatives, **options):
-            if self.simulator.steps_taken > last:
+            if problem.simulator.steps_taken > last:
                 return None  # a shape that makes the equations so stiff is no candidate
             return problem.evaluate(fit.models, u, locals_, derivatives, sigmas=sigmas, **options)
 
@@ -250,8 +254,9 @@ class Bench:
         """The held-out trials with the fit's parameters: only their own unknowns are estimated."""
         if self.checked is None:
             return None
-        problem = self._problem(self.checked, fit.names, fit.values)
-        models = self._equipped(self.checked.trials)
+        simulator = fit.models[0].simulator
+        problem = self._problem(self.checked, fit.names, fit.values, simulator=simulator)
+        models = tuple(replace(model, simulator=simulator) for model in self._equipped(self.checked.trials))
         u = problem.space.to_search(np.array([fit.values[name] for name in problem.names]))
         bristle = _with_bristle(problem, models, u)
 

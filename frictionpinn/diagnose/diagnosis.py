@@ -16,6 +16,7 @@ from ..physics.mechanism import Mechanism
 from .bench import Bench, Fit
 from .candidates import Candidate, candidates, effects_for
 from .errors import compare, main_signal
+from .network import Network, train_network
 from .observe import ranges, scales, simulations
 from .remainder import Remainder, places, remainders
 from .scan import Remaining, Scanned
@@ -45,6 +46,7 @@ class Diagnosis:
         coloured: signals whose noise is correlated in time.
         seconds: wall-clock time.
         settings: thresholds.
+        network: the fallback term in the place of what no name explains, if it was asked for.
     """
 
     verdict: str
@@ -65,6 +67,7 @@ class Diagnosis:
     selection: Selection = field(repr=False)
     before: Fit = field(repr=False)
     after: Fit = field(repr=False)
+    network: Network | None = field(default=None, repr=False)
 
     @property
     def main(self) -> str:
@@ -80,6 +83,7 @@ def diagnose(
     effects: Sequence[str] | None = None,
     settings: Settings | None = None,
     start: Mapping[str, float] | None = None,
+    network: bool = False,
     **options: Any,
 ) -> Diagnosis:
     """Find what a declared model lacks in a recording.
@@ -91,6 +95,7 @@ def diagnose(
         effects: names of the effects to try; None: all that can act.
         settings: thresholds.
         start: start values of parameters, SI units.
+        network: train a network in the place of a remainder that no name explains.
         options: of :class:`frictionpinn.identify.Problem` (free, fixed, bounds, windows, inputs, loss ...).
 
     Raises:
@@ -116,6 +121,9 @@ def diagnose(
     accepted = tuple(selection.accepted) if fit is selection.fit else ()
     refused = _reasons(selection, options_, accepted, settings)
     values, ci95 = _intervals(bench, fit, scanned)
+    fallback = None
+    if rest is not None and network:
+        fallback = train_network(bench, fit, scanned.remaining, probes, where, scanned.sigmas)
     before, after = bench.check(base), bench.check(fit)
     scored = "held-out trials"
     if before is None or after is None:
@@ -124,7 +132,7 @@ def diagnose(
     return Diagnosis(
         verdict, accepted, refused, rest, values, ci95, units, bench.estimate,
         compare(bench, before, after, scanned.sigmas), scored, scanned.sigmas, scanned.noise.coloured,
-        time.perf_counter() - began, settings, bench, selection, before, after,
+        time.perf_counter() - began, settings, bench, selection, before, after, fallback,
     )  # fmt: skip
 
 

@@ -46,6 +46,11 @@ out: errors are those of the fitted trials{% endif %}. {{ r.declared.outcome | c
 r.unexplained.share is not none %}, which explains {{ "%.0f" | format(100 * r.unexplained.share) }} %
 of the remainder on the held-out trials{% endif %}{% if
 r.unexplained.formula %}; in short: {{ r.unexplained.formula }} {{ r.unexplained.unit }}{% endif %}.</p>
+{% if r.unexplained.network %}<p>A network of {{ r.unexplained.network.depends_on | replace("_", " ") }} in its place,
+trained together with all parameters: {{ r.unexplained.network.error.quantity }}
+{{ number(r.unexplained.network.error.before) }} before, {{ number(r.unexplained.network.error.after) }} after,
+{{ number(r.unexplained.network.error.noise_floor) }} {{ r.unexplained.network.error.unit }} noise. It is part of the
+saved model; no more is known of it than the variable.</p>{% endif %}
 {{ figure("remainder", "The remainder over the variable that explains most of it.") }}{% endif %}
 <h2>The friction force</h2>
 {{ mathml }}

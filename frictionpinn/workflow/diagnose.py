@@ -62,7 +62,7 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
     effects = None if options["effects"] == "all" else options["effects"]
     d = run_diagnosis(
         mechanism, fitted, held_out, effects=effects, settings=settings, start=friction["start"] or None,
-        bounds=friction["bounds"], fixed=friction["fixed"], **wanted,
+        bounds=friction["bounds"], fixed=friction["fixed"], network=options["fallback"] == "network", **wanted,
     )  # fmt: skip
     return report(d, cfg, folder, fitted, held_out)
 
@@ -94,6 +94,12 @@ def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out:
         for name, p in effect["parameters"].items():
             log.info(f"  {effect['name']}: {name} = {p['value']:.4g} {p['unit']} "
                      f"[{p['ci95'][0]:.4g}, {p['ci95'][1]:.4g}]")  # fmt: skip
+    if d.network is not None:
+        error = result["unexplained"]["network"]["error"]
+        log.info(
+            f"  a network of {d.network.effect.variable} in its place: {error['quantity']} {error['before']:.4g} -> "
+            f"{error['after']:.4g} {error['unit']} (noise {error['noise_floor']:.4g}); part of the augmented model"
+        )
     log.info(f"result.json, figures, the augmented model and the page {page.name} are in {folder}")
     return result
 
@@ -134,6 +140,7 @@ def as_dict(d: Diagnosis) -> dict[str, Any]:
             "depends_on": list(rest.depends_on), "kind": rest.kind, "share": plain(rest.share),
             "formula": rest.formula, "unit": rest.unit, "log10_p": plain(rest.log_p),
             "shape": {"x": rest.x.tolist(), "y": rest.shape.tolist(), "std": rest.error.tolist()},
+            "network": _network(d),
         },
         "refused": [{"name": r.candidate.name, "why": r.why} for r in d.refused],
         "parameters": parameters,
@@ -143,6 +150,16 @@ def as_dict(d: Diagnosis) -> dict[str, Any]:
         "loss": "robust" if d.bench.problem.loss.robust else "gaussian",
         "seconds": round(d.seconds, 2),
     }  # fmt: skip
+
+
+def _network(d: Diagnosis) -> dict[str, Any] | None:
+    """The fallback term: what it depends on, its parameters, and the error before and after it."""
+    if d.network is None:
+        return None
+    net = d.network
+    error = {key: value for key, value in net.errors[d.main].items() if key != "relative"}
+    return {"depends_on": net.effect.variable, "kind": net.kind, "parameters": net.values, "error": error,
+            "errors": net.errors}  # fmt: skip
 
 
 def separate(name: str, others: list[str]) -> str:
@@ -218,6 +235,7 @@ def checked(cfg: Config) -> dict[str, Any]:
     if not isinstance(options["most"], int) or options["most"] < 1:
         raise UserError("impossible number of effects", where="diagnose.most", received=options["most"],
                         allowed="at least 1")  # fmt: skip
+    choose(options["fallback"] or "null", {"null": 1, "network": 1}, "diagnose.fallback")
     choose(options["loss"], {"auto": 1, "gaussian": 1, "robust": 1}, "diagnose.loss")
     if options["windows"] is not None and not (np.isfinite(options["windows"]) and options["windows"] > 0):
         raise UserError("impossible windows", where="diagnose.windows", received=options["windows"],

@@ -14,7 +14,7 @@ import sympy as sp
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
-from frictionpinn.diagnose.augmented import load_augmented
+from frictionpinn.diagnose.augmented import folded, load_augmented, save_augmented
 from frictionpinn.diagnose.diagnosis import diagnose
 from frictionpinn.errors import UserError
 from frictionpinn.numerics.simulate import Simulator
@@ -71,11 +71,18 @@ def test_nothing_is_found_where_nothing_is_missing():
     assert all(reason.why for reason in d.refused) and len(d.refused) > 10
 
 
-def test_a_force_without_a_name_is_unexplained_and_its_variable_is_said():
-    d = diagnosed([Waves()], {"waves": 0.4}, effects=["drag", "drift"])
+def test_a_force_without_a_name_is_unexplained_its_variable_is_said_and_a_network_takes_its_place(tmp_path):
+    d = diagnosed([Waves()], {"waves": 0.4}, effects=["drag", "drift"], network=True)
     assert d.verdict == "unexplained"
     assert "position" in d.unexplained.depends_on[:2]
     assert d.unexplained.share > 0.5
+    for entry in d.network.errors.values():
+        assert entry["after"] < 1.05 * min(entry["noise_floor"], entry["before"]), d.network.errors
+    save_augmented(tmp_path / "augmented.yaml", d, {})
+    mechanism, values = load_augmented(tmp_path / "augmented.yaml")
+    assert [e.name for e in mechanism.effects] == ["remainder_position"]
+    assert set(d.network.values) <= set(values)
+    folded(tmp_path / "augmented.yaml")
 
 
 def test_the_command_reads_a_file_and_writes_what_it_promises(tmp_path):
@@ -110,6 +117,7 @@ def test_the_command_reads_a_file_and_writes_what_it_promises(tmp_path):
         ("diagnose.log10_p=3", "a negative number"),
         ("diagnose.most=0", "at least 1"),
         ("diagnose.loss=square", "gaussian"),
+        ("diagnose.fallback=net", "did you mean 'network'"),
         ("diagnose.signals=[velocity]", "diagnose.signals"),
         ("preset=emp", "emps"),
     ],
