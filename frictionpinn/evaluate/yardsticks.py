@@ -9,12 +9,14 @@ import numpy as np
 
 from ..data.contact import ContactTrial
 from ..models import FrictionModel
+from ..models.in_motion import InMotion
 from ..numerics.paths import InputPath
 from ..numerics.simulate import Simulator
 from ..numerics.simulation import Simulation
 from ..physics import LAWS, System
 from ..physics.mechanism import Mechanism
 from .force import CoulombFit, CoulombViscousFit, Predictor
+from .in_motion import simulate_in_motion
 from .in_simulation import simulate_model
 
 Online = Callable[[ContactTrial], np.ndarray]
@@ -46,6 +48,7 @@ def candidates(
     train: Sequence[ContactTrial],
     substeps: int,
     integrator: str | None = None,
+    in_motion: InMotion | None = None,
 ) -> dict[str, Candidate]:
     """The model first, then its yardsticks, by key.
 
@@ -54,15 +57,18 @@ def candidates(
         system: to be simulated.
         train: the model's training trials, to which the classical laws are fitted.
         substeps, integrator: see :func:`simulate_model`.
+        in_motion: the model's friction in motion, which is then what is simulated.
     """
     name = model.hparams["name"].upper()
-    found = {
-        "model": Candidate(
-            name,
-            online(model),
-            lambda path, y0: simulate_model(system, model, path, y0, substeps, integrator),
-        )
-    }
+
+    def as_trained(path: InputPath, y0: Start) -> Simulation:
+        return simulate_model(system, model, path, y0, substeps, integrator)
+
+    found = {"model": Candidate(name, online(model), as_trained)}
+    if in_motion is not None:
+        sharp = in_motion
+        found["model"] = Candidate(name, online(model), lambda path, y0: simulate_in_motion(system, sharp, path, y0))
+        found["as_trained"] = Candidate(f"{name} without the fit in motion", simulate=as_trained)
     if model.physical():
         law = model.hparams["law"]["name"]
         label = f"{LAWS[law].__name__} with {name}'s parameters"

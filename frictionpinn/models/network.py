@@ -54,8 +54,15 @@ class FrictionNetwork(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """x of shape (n, d), SI units; returns shape (n, 1), dimensionless."""
+        return self._through(self.layers, x)
+
+    def hidden(self, x: Tensor) -> Tensor:
+        """Last hidden layer, shape (n, width), whose weighted sum the output is; odd where the output is odd."""
+        return self._through(self.layers[:-1], x)
+
+    def _through(self, layers: nn.Module, x: Tensor) -> Tensor:
         u = (x - self.mean) / self.scale
         if not self.odd:
-            return self.layers(u)
+            return layers(u)
         mirrored = torch.where(self.signs < 0, -u, u)
-        return (self.layers(u) - self.layers(mirrored)) / 2
+        return (layers(u) - layers(mirrored)) / 2

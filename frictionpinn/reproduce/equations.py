@@ -11,7 +11,7 @@ from ..physics.mechanism import Mechanism
 from ..workflow.build import Config, build_recording, build_system
 from ..workflow.estimate import default_config, estimate
 from .fidelity import KINDS
-from .runs import Run, each, finish
+from .runs import Run, each, finish, training
 
 CASES = {  # believed by the model, obeyed by the data
     "lagrange": ("lagrange", "lagrange"),
@@ -42,7 +42,7 @@ def _run(cfg: Config, root: Path, case: str, model: str, seed: int) -> Run:
     if case != "lagrange":
         folder += f"_{believed}_{obeyed}"
         equations = (f"system.equations={believed}", f"data.equations={obeyed}")  # type: ignore[assignment]
-    overrides = (f"model={model}", f"seed={seed}", *equations, *cfg["train"])
+    overrides = (*training(cfg, model, seed), *equations)
     return Run(root / folder, overrides, ((f"seeds=[{seed}]", *cfg["evaluate"]),))
 
 

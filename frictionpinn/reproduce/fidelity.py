@@ -8,7 +8,7 @@ from typing import Any
 
 from ..workflow.build import Config
 from .draw import errors_figure
-from .runs import Run, by_seed, each, finish
+from .runs import Run, by_seed, each, finish, training
 
 KINDS = ("online", "in_simulation")
 ONCE = ("identify=false", "simulators=[]")  # yardsticks that are the same for every model, beside the first alone
@@ -20,7 +20,7 @@ def runs(options: Config, root: Path) -> dict[tuple[str, int], Run]:
     return {
         (model, seed): Run(
             root / f"pob_{model}_{seed}",
-            (f"model={model}", f"seed={seed}", *cfg["train"]),
+            training(cfg, model, seed),
             ((f"seeds=[{seed}]", *(() if model == cfg["models"][0] else ONCE), *cfg["evaluate"]),),
         )
         for seed in cfg["seeds"]

@@ -39,6 +39,12 @@ class Run:
     evaluations: tuple[tuple[str, ...], ...] = ()
 
 
+def training(cfg: Config, model: str, seed: int) -> tuple[str, ...]:
+    """Overrides of a part's training; ``rollout`` names the models whose friction in motion is fitted too."""
+    in_motion = ("rollout=true",) if model in cfg.get("rollout", ()) else ()
+    return (f"model={model}", f"seed={seed}", *in_motion, *cfg["train"])
+
+
 def finish(run: Run) -> tuple[Config, list[Config]]:
     """Train and evaluate what is not finished; return the result of the training and those of the evaluations.
 

@@ -9,7 +9,7 @@ from typing import Any
 from ..workflow.build import Config
 from .draw import transfer_figure
 from .fidelity import KINDS
-from .runs import Run, by_seed, each, finish
+from .runs import Run, by_seed, each, finish, training
 
 
 def run(options: Config, root: Path, results: Path, jobs: int) -> dict[str, Any]:
@@ -43,8 +43,7 @@ def _run(cfg: Config, root: Path, system: str, model: str, seed: int) -> Run:
         (*(() if other == system else (f"system={other}",)), f"seeds=[{seed}]", *cfg["evaluate"])
         for other in cfg["systems"]
     )
-    overrides = (f"system={system}", f"model={model}", f"seed={seed}", *cfg["train"])
-    return Run(root / f"{system}_{model}_{seed}", overrides, evaluations)
+    return Run(root / f"{system}_{model}_{seed}", (f"system={system}", *training(cfg, model, seed)), evaluations)
 
 
 def _on(evaluations: list[Config], system: str) -> Config:

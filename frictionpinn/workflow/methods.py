@@ -12,6 +12,7 @@ from ..evaluate.yardsticks import Candidate, candidates
 from ..models import FrictionModel
 from ..physics import LAWS, System
 from .build import Config
+from .rollout import load_in_motion
 
 log = logging.getLogger(__name__)
 
@@ -38,7 +39,8 @@ def build_methods(
             friction is tuned: noise levels, smoothness of the inputs.
     """
     train = data.select("train")
-    found = candidates(model, system, train, int(cfg["substeps"]), cfg.get("integrator"))
+    in_motion = load_in_motion(cfg["run"], model)
+    found = candidates(model, system, train, int(cfg["substeps"]), cfg.get("integrator"), in_motion)
     if applies(system, model):
         label = f"{model.hparams['name'].upper()} in the equation of motion, corrected"
         found["network_observer"] = Candidate(label, NetworkObserver(system, model, local.select("train")))

@@ -24,6 +24,7 @@ from .ensemble import MembersBest, prepare, size_of
 from .manifest import check_free, write_json
 from .refine import check_refinable, refine
 from .result import parameters, report, summarise
+from .rollout import check_rollout, rollout
 
 log = logging.getLogger(__name__)
 # Errors of a disk, which the user can mend; others of the system are shown whole.
@@ -66,6 +67,7 @@ def _train(cfg: Config, folder: Path) -> dict[str, Any]:
     check_pairing(cfg)
     size_of(cfg)
     check_refinable(cfg)
+    check_rollout(cfg)
     announce_compilation(cfg)
     system = build_system(cfg["system"])
     data, model = prepare(cfg, system)
@@ -89,6 +91,8 @@ def _train(cfg: Config, folder: Path) -> dict[str, Any]:
     result = report(cfg, folder, system, data, model, trainer, seconds)
     if cfg.get("refine"):
         result["refined"] = refine(cfg, system, data, model)
+    if cfg.get("rollout"):
+        result["rollout"] = rollout(system, data, model, folder)
     write_json(folder / "result.json", result)
     log.info(summarise(result, folder))
     return result

@@ -1,0 +1,81 @@
+"""What a memoryless network is inside an equation of motion: a law that is sharp at rest, fitted by simulating.
+
+A network trained on noisy samples gives the mean force over all velocities that the noise may hide: online that is
+right, in simulation it lets a contact creep that should stick. Here its sliding force reaches to rest, and what
+happens there is fitted to the training trials as simulated (:mod:`.rollout`).
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+
+from .base import FrictionModel
+from .parameter_estimator import ParameterEstimator
+
+
+class InMotion:
+    """Friction of a trained BB1 or PE1 in simulation.
+
+    Of a black box, without memory: with x = v + shift tanh(v / creep),
+    F = N (coulomb tanh(3 x / shift) + weights . hidden(x, N)), hidden the last hidden layer of its network.
+
+    Of a parameter estimator the bristle is a state: F = sigma_0 z + sigma_1 z' + sigma_2 v with
+    z' = v - sigma_0 |v| z / g. It settles to what the network says of sliding,
+    g = gain |sigma_0 z_network(v + shift sign v, N)| (1 + peak exp(-(v / peak_velocity)^2)).
+
+    Args:
+        model: trained.
+        values: shift and creep (m/s), coulomb; of a parameter estimator shift, gain, sigma_0, sigma_1, sigma_2, peak,
+            peak_velocity, SI units.
+        weights: of a black box, shape (width,).
+    """
+
+    def __init__(self, model: FrictionModel, values: Mapping[str, float], weights: torch.Tensor | None = None):
+        self.model = copy.deepcopy(model).double().eval().requires_grad_(False)
+        self.values = {name: float(value) for name, value in values.items()}
+        self.weights = None if weights is None else weights.double()
+        self._law = self.model.law_parameters() if isinstance(self.model, ParameterEstimator) else {}
+
+    @property
+    def memory(self) -> bool:
+        """Whether the bristle is a state."""
+        return self.weights is None
+
+    def inputs(self, v: np.ndarray, N: np.ndarray) -> torch.Tensor:
+        """What the network sees, shape (n, 2), of slip velocity and normal force, shape (n,) each."""
+        columns = {"v_slip": v, "normal_force": N}
+        return torch.from_numpy(np.stack([columns[name] for name in self.model.features.inputs], axis=-1))
+
+    @torch.no_grad()
+    def sliding(self, v: np.ndarray, N: np.ndarray) -> np.ndarray:
+        """Force of sliding at a shifted velocity, shape (n,); of a parameter estimator sigma_0 z alone."""
+        if self.weights is not None:
+            share = (self.model.network.hidden(self.inputs(v, N)) @ self.weights).numpy()
+            return N * (share + self.values["coulomb"] * np.tanh(3 * v / self.values["shift"]))
+        speed, load = (torch.from_numpy(np.array(value)[:, None]) for value in (v, N))
+        z = self.model._bristle(self._law, self.inputs(v, N), speed, load)  # type: ignore[operator]
+        return (self._law["sigma_0"] * z).squeeze(-1).numpy()
+
+    def __call__(self, v: np.ndarray, N: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Force and bristle rate (0 of a black box), arrays of shape (n,)."""
+        p = self.values
+        if not self.memory:
+            return self.sliding(v + p["shift"] * np.tanh(v / p["creep"]), N), np.zeros_like(v)
+        level = p["gain"] * np.abs(self.sliding(v + p["shift"] * np.where(v < 0, -1.0, 1.0), N)) + 1e-12
+        settled = level * (1 + p["peak"] * np.exp(-((v / p["peak_velocity"]) ** 2))) / p["sigma_0"]
+        rate = v - np.abs(v) * z / settled
+        return p["sigma_0"] * z + p["sigma_1"] * rate + p["sigma_2"] * v, rate
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Plain tensors and values, for :meth:`restore`."""
+        return {"values": self.values, "weights": self.weights}
+
+    @classmethod
+    def restore(cls, model: FrictionModel, checkpoint: Mapping[str, Any]) -> InMotion:
+        """From the trained model and a :meth:`checkpoint`."""
+        return cls(model, checkpoint["values"], checkpoint["weights"])
