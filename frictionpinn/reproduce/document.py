@@ -46,7 +46,8 @@ def _claims(found: Mapping[str, Result]) -> str:
 
 def fidelity(result: Result, folder: str) -> list[str]:
     """Errors online and in simulation, trajectories, characteristics."""
-    lines = ["## Friction force, online and in simulation\n", text.FIDELITY, seeds(result)]
+    in_motion = [text.IN_MOTION] if result["setting"].get("rollout") else []
+    lines = ["## Friction force, online and in simulation\n", text.FIDELITY, *in_motion, seeds(result)]
     for name, methods in result["errors"].items():
         about = result["trajectories"][name]
         rest, far = 100 * about["at_rest"]["value"], about["displacement"]

@@ -16,7 +16,15 @@ FIDELITY = """Friction learned from noisy motion through the equation of motion,
 force of the simulated pendulum on a box. *Online*: the noisy signals of each instant, filtered causally, into the
 network. *In simulation*: the network inside the equation of motion, without noise, the motion its own.
 
-A network trained on noisy samples blurs the step of the friction force at rest over the velocities that the noise may
+What differs from the paper: its trajectories are not published, ours follow its description (Traj. 1 a constant
+oscillation, Traj. 2 a skewed swing with long rests that carries the box in +x). Its equations are not those that
+Lagrange's method gives; ours are derived (their cost is measured below). Our networks are narrower and smooth, odd
+in the motion, and train on consistently smoothed signals; BB2 and PE2 see a short causal window of the past. PE1
+and BB1 see one instant, as published: at rest velocity and normal force say nothing of the friction force, which is
+what their online error on Traj. 2 shows.
+"""
+
+IN_MOTION = """A network trained on noisy samples blurs the step of the friction force at rest over the velocities that the noise may
 hide. Online that is the best estimate; in the equation of motion it creeps. So BB1 and PE1 are fitted further, on the
 training trials alone (`rollout=true`), for simulation alone. PE1: its bristle is a state that settles to what the
 network says of sliding; stiffness, damping, the peak and its velocity, and a gain of the network are those with which
@@ -24,13 +32,6 @@ the simulated training trials meet their noisy accelerations and velocities. BB1
 solved again for the force per load of the samples that surely slide, and the width of the step at rest fitted in the
 same simulations. The rows *without the fit in motion* are the networks as trained. BB2 and PE2 look at windows of the
 past and are simulated as trained: at rest they enter limit cycles.
-
-What differs from the paper: its trajectories are not published, ours follow its description (Traj. 1 a constant
-oscillation, Traj. 2 a skewed swing with long rests that carries the box in +x). Its equations are not those that
-Lagrange's method gives; ours are derived (their cost is measured below). Our networks are narrower and smooth, odd
-in the motion, and train on consistently smoothed signals; BB2 and PE2 see a short causal window of the past. PE1
-and BB1 see one instant, as published: at rest velocity and normal force say nothing of the friction force, which is
-what their online error on Traj. 2 shows.
 """
 
 CHARACTERISTICS = """Steady friction force over slip velocity and normal force, within what the training trials
