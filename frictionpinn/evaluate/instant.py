@@ -105,6 +105,6 @@ def _force(model: FrictionModel, batch: dict[str, torch.Tensor]) -> torch.Tensor
         return model.predict(batch)["force"]
     p, places = model.law_parameters(), torch.tensor([[0.0], [_MOMENT], [-_MOMENT]], dtype=torch.float64)
     along = [(batch[name], batch[f"{name}_rate"]) for name in ("x", "v", "N")]
-    ahead = [torch.cat([value + place * rate for place in places]) for value, rate in along]
-    z, later, earlier = model._bristle(p, *ahead).chunk(3)
+    x, v, N = (torch.cat([value + place * rate for place in places]) for value, rate in along)
+    z, later, earlier = model.bristle_state(p, model.network(x), v, N).chunk(3)
     return model.functions.force(batch["v"], batch["N"], z, (later - earlier) / (2 * _MOMENT), *p.values())

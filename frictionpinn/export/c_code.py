@@ -10,8 +10,9 @@ import numpy as np
 import sympy as sp
 
 from .. import __version__
+from ..numerics.torch_functions import capacity_rate
 from ..physics import CONTACT, FrictionLaw, System
-from .functions import ACTIVATIONS, bristle, c_statements, capacity_rate
+from .functions import ACTIVATIONS, bristle, c_statements
 from .portable import PortableModel
 
 _TEMPLATES = Path(__file__).parent / "templates"

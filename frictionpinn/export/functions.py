@@ -67,13 +67,6 @@ def python_function(name: str, arguments: Sequence[str], expressions: Sequence[s
     return f"def {name}({', '.join(arguments)}):\n" + "\n".join("    " + line for line in lines) + "\n"
 
 
-def capacity_rate(law: FrictionLaw) -> tuple[sp.Expr, tuple[sp.Symbol, sp.Symbol]]:
-    """d/dt g(v, N) and the symbols of v' and N'."""
-    rates = sp.symbols("v_slip_rate N_rate", real=True)
-    g = law.capacity(CONTACT, law.symbols)
-    return sp.diff(g, CONTACT.v) * rates[0] + sp.diff(g, CONTACT.N) * rates[1], rates
-
-
 def bristle(law: FrictionLaw) -> tuple[sp.Expr, sp.Expr]:
     """z' and its derivative in z; zero for a law without memory."""
     if not law.memory:

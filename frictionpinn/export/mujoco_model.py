@@ -9,8 +9,9 @@ from typing import Any
 
 from .. import __version__
 from ..evaluate.mjcf import pob_mjcf
+from ..numerics.torch_functions import capacity_rate
 from ..physics import CONTACT, FrictionLaw
-from .functions import bristle, capacity_rate, python_function
+from .functions import bristle, python_function
 from .portable import PortableModel
 
 _TEMPLATES = Path(__file__).parent / "templates"

@@ -17,9 +17,8 @@ from .. import __version__
 from ..errors import UserError
 from ..models import FrictionModel, ParameterEstimator
 from ..numerics.torch_functions import torch_function
-from ..physics import CONTACT
 from .extras import require
-from .functions import ACTIVATIONS, U, capacity_rate
+from .functions import ACTIVATIONS, U
 from .histories import made_up_signals, reference, windows
 from .portable import PortableModel
 
@@ -48,9 +47,6 @@ class ExportedGraph(nn.Module):
         act = portable.activation
         self.slope = torch_function([U], ACTIVATIONS[act][1]) if act != "relu" else lambda u: (u > 0).to(u.dtype)
         if isinstance(model, ParameterEstimator) and portable.law is not None:
-            rate, symbols = capacity_rate(portable.law)
-            names = [par.symbol for par in portable.law.parameters]
-            self.capacity_rate = torch_function([CONTACT.v, CONTACT.N, *symbols, *names], rate)
             self.functions = model.functions
             self.values = [float(portable.values[name]) for name in self.functions.names]
 
@@ -100,7 +96,7 @@ class ExportedGraph(nn.Module):
             v, v_rate = torch.zeros_like(v), torch.zeros_like(v_rate)
         share = torch.tanh(u)
         g = self.functions.capacity(v, N, *self.values)
-        g_rate = self.capacity_rate(v, N, v_rate, N_rate, *self.values)
+        g_rate = self.functions.capacity_rate(v, N, v_rate, N_rate, *self.values)
         return share * g / stiffness, ((1 - share**2) * u_rate * g + share * g_rate) / stiffness
 
 

@@ -9,6 +9,7 @@ import lightning as L
 import numpy as np
 import torch
 from torch import Tensor
+from torch.func import jvp
 
 from ..data.contact import ContactTrial
 from ..errors import UserError, choose
@@ -44,7 +45,7 @@ def tensors(trial: ContactTrial, features: Features, source: str = "online") -> 
 
 
 class FrictionModel(L.LightningModule):
-    """Base of the variants: subclasses give :meth:`predict` and, where they have one, a consistency residual.
+    """Base of the variants: subclasses give :meth:`respond`, what the network's output means.
 
     Args:
         name: bb1, bb2, pe1 or pe2.
@@ -80,18 +81,28 @@ class FrictionModel(L.LightningModule):
     sees_rates = False  # whether the prediction needs the rates of the signals
 
     # physics of the variant ----------------------------------------------------------------------------------
-    def predict(self, batch: Batch) -> dict[str, Tensor]:
+    def outputs(self, batch: Batch) -> tuple[Tensor, ...]:
+        """The network's output u, shape (n, 1), and where rates are seen u' along the trajectory (forward mode)."""
+        if not self.sees_rates:
+            return (self.network(batch["x"]),)
+        return jvp(self.network, (batch["x"],), (batch["x_rate"],))[:2]
+
+    def respond(self, batch: Batch, *outputs: Tensor) -> dict[str, Tensor]:
         """Return ``force`` (n, 1), N, and for PE ``z``, ``z_rate`` and ``residual`` (z' of network less law, m/s)."""
         raise NotImplementedError
+
+    def predict(self, batch: Batch) -> dict[str, Tensor]:
+        """What the variant says of a batch: see :meth:`respond`."""
+        return self.respond(batch, *self.outputs(batch))
 
     def physical(self) -> dict[str, float]:
         """Current values of the physical parameters, SI units; none for a black box."""
         return {}
 
     # training ------------------------------------------------------------------------------------------------
-    def losses(self, batch: Batch) -> dict[str, Tensor]:
-        """Terms of the loss; ``loss`` is their sum."""
-        predicted = self.predict(batch)
+    def losses(self, batch: Batch, outputs: tuple[Tensor, ...] | None = None) -> dict[str, Tensor]:
+        """Terms of the loss; ``loss`` is their sum. ``outputs`` of the network, where they are known already."""
+        predicted = self.respond(batch, *(self.outputs(batch) if outputs is None else outputs))
         force = (predicted["force"] - batch["target"]).square().mean()
         if self.loss["force"] == "normalised":
             force = force / self.scales["force"] ** 2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from torch import Tensor
+
 from .base import Batch, FrictionModel
 
 
@@ -12,5 +14,5 @@ class BlackBox(FrictionModel):
     friction has to hold. Source: Ozmen, Hespanha and Byl, arXiv 2504.12441.
     """
 
-    def predict(self, batch: Batch):
-        return {"force": self.scales["force"] * self.network(batch["x"])}
+    def respond(self, batch: Batch, *outputs: Tensor):
+        return {"force": self.scales["force"] * outputs[0]}

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import copy
+from collections import deque
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache, partial
 from typing import Any
 
 import lightning as L
@@ -14,14 +17,12 @@ from torch.func import functional_call, grad_and_value, stack_module_state, vmap
 
 from ..errors import UserError
 from .base import Batch, FrictionModel
+from .member import Applied, numbers_of, set_numbers
+from .network_gradient import Pass, rows
 from .optimizers import build_optimizer
 from .parameter_estimator import ParameterEstimator
 
 _ALONE = ("adam_plateau", "adam_lbfgs")  # their steps depend on the loss of one training
-# On a CPU, members go through vmap a few at a time where their activations (samples times width) are small: there the
-# cost of an operation's call counts. Larger ones go one by one through plain autograd, whose matrix products are the
-# faster ones and whose activations stay in the cache (benchmarks/ensemble.py).
-_SMALL, _CHUNK = 32_000, 4
 
 
 class FrictionEnsemble(FrictionModel):
@@ -59,7 +60,7 @@ class FrictionEnsemble(FrictionModel):
         self.sees_rates = first.sees_rates
         weights, buffers = stack_module_state(members)  # type: ignore[arg-type]
         self.names: dict[str, list[str]] = {}
-        for kind, table in (("weight", weights), ("buffer", buffers), ("number", _numbers(members))):
+        for kind, table in (("weight", weights), ("buffer", buffers), ("number", numbers_of(members))):
             self.names[kind] = list(table)
             for key, value in table.items():
                 self._register(kind, key, value.detach().clone())
@@ -69,6 +70,7 @@ class FrictionEnsemble(FrictionModel):
         self.register_buffer("stop_loss", torch.full((self.size,), torch.inf))
         self.register_buffer("waited", torch.zeros(self.size, dtype=torch.long))
         self.__dict__["template"] = copy.deepcopy(first).requires_grad_(False)  # a shape without weights of its own
+        self._spare: deque[FrictionModel] = deque()
         self.parts: dict[str, Tensor] = {}
         self.member_parts: dict[str, Tensor] = {}
         self._gradients: dict[str, Tensor] = {}
@@ -95,34 +97,33 @@ class FrictionEnsemble(FrictionModel):
     def _call(self, what: Callable, weights: dict, rest: dict, numbers: dict, batch: Batch) -> Any:
         """``what(template, batch)`` with the tensors of one member."""
         tensors = {f"model.{key}": value for key, value in {**weights, **rest}.items()}
-        plain = _set_numbers(self.template, numbers)
         try:
-            return functional_call(_Applied(self.template, what), tensors, (batch,))
+            template = self._spare.pop()  # its tensors are swapped while it is used: each thread takes one
+        except IndexError:
+            template = copy.deepcopy(self.template)
+        plain = set_numbers(template, numbers)
+        try:
+            return functional_call(Applied(template, what), tensors, (batch,))
         finally:
-            _set_numbers(self.template, plain)
+            set_numbers(template, plain)
+            self._spare.append(template)
 
     # training ------------------------------------------------------------------------------------------------
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         """Losses and gradients of all members; the gradients wait for :meth:`backward`."""
-        step = self.chunk(batch)
-        weights, rest, numbers = self._table("weight"), self._table("buffer"), self._table("number")
-        shared = batch["x"].dim() == 2
-        found = []
-        for k in range(0, self.size, step):
-            part = slice(k, k + step)
-            own, fixed, given = (
-                {key: value[part].detach() for key, value in table.items()} for table in (weights, rest, numbers)
-            )
-            data = batch if shared else {key: value[part] for key, value in batch.items()}
-            found.append((self._alone if step == 1 else self._gradient)(own, fixed, given, data))
-        self._gradients = {key: torch.cat([item[0][key] for item in found]) for key in weights}
-        self.member_parts = {key: torch.cat([item[1][key] for item in found]) for key in found[0][1]}
+        weights, rest, numbers = (
+            {key: value.detach() for key, value in self._table(kind).items()} for kind in ("weight", "buffer", "number")
+        )
+        gradient = self._one_by_one if batch["x"].device.type == "cpu" else self._together
+        self._gradients, self.member_parts = gradient(weights, rest, numbers, batch)
         self.parts = {key: value.mean() for key, value in self.member_parts.items()}
         if self._logs_now():
             self.log("loss/training", self.parts["loss"], on_step=False, on_epoch=True, batch_size=batch["v"].shape[-2])
         return self.parts["loss"].clone().requires_grad_()
 
-    def _gradient(self, weights: dict, rest: dict, numbers: dict, batch: Batch) -> tuple[dict, dict]:
+    def _together(self, weights: dict, rest: dict, numbers: dict, batch: Batch) -> tuple[dict, dict]:
+        """Gradients and losses of all members, stacked, as one program: each operation runs once for all."""
+
         def loss(own: dict, rest: dict, numbers: dict, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
             parts = self._call(FrictionModel.losses, own, rest, numbers, batch)
             return parts["loss"], parts
@@ -132,28 +133,46 @@ class FrictionEnsemble(FrictionModel):
         gradients, (_, parts) = vmap(one, in_dims=dims)(weights, rest, numbers, batch)
         return gradients, parts
 
-    def _alone(self, weights: dict, rest: dict, numbers: dict, batch: Batch) -> tuple[dict, dict]:
-        """As :meth:`_gradient`, of tables of one member, by plain autograd."""
-        own, fixed, given = ({key: value[0] for key, value in table.items()} for table in (weights, rest, numbers))
-        data = batch if batch["x"].dim() == 2 else {key: value[0] for key, value in batch.items()}
-        leaves = {key: value.requires_grad_() for key, value in own.items()}
+    def _one_by_one(self, weights: dict, rest: dict, numbers: dict, batch: Batch) -> tuple[dict, dict]:
+        """As :meth:`_together`, on a CPU faster: each thread of torch takes a member at a time, in its cache.
+
+        What the members see is standardised once where they share it; the network's derivatives are taken by hand, the
+        law's by autograd. The result does not depend on the number of threads.
+        """
+        data_shared = batch["x"].dim() == 2
+        scales = [rest[f"network.{name}"] for name in ("mean", "scale")]
+        same = data_shared and all(bool((values == values[0]).all()) for values in scales)
+        seen = self._rows(batch, *(values[0] for values in scales)) if same else None
+
+        def one(k: int) -> tuple[dict, dict]:
+            own, fixed, given = ({key: value[k] for key, value in table.items()} for table in (weights, rest, numbers))
+            data = batch if data_shared else {key: value[k] for key, value in batch.items()}
+            x = seen if seen is not None else self._rows(data, *(values[k] for values in scales))
+            return self._by_hand(own, fixed, given, data, x)
+
+        threads = torch.get_num_threads()
+        found = list((map if threads == 1 else _workers(threads).map)(one, range(self.size)))
+        return _stacked([item[0] for item in found]), _stacked([item[1] for item in found])
+
+    def _rows(self, batch: Batch, mean: Tensor, scale: Tensor) -> Tensor:
+        return rows(self.template.network, mean, scale, batch["x"], batch["x_rate"] if self.sees_rates else None)
+
+    def _by_hand(self, own: dict, fixed: dict, given: dict, batch: Batch, x: Tensor) -> tuple[dict, dict]:
+        """Gradients and losses of one member."""
+        through = Pass(self.hparams["network"]["activation"], own, x, self.template.network.odd, self.sees_rates)
+        leaves = {key: value.requires_grad_() for key, value in own.items() if not key.startswith("network.")}
+        outputs = tuple(output.requires_grad_() for output in through.outputs)
         with torch.enable_grad():
-            parts = self._call(FrictionModel.losses, leaves, fixed, given, data)
-            gradients = torch.autograd.grad(parts["loss"], list(leaves.values()))
-        table = {key: value[None] for key, value in zip(leaves, gradients, strict=True)}
-        return table, {key: value.detach()[None] for key, value in parts.items()}
+            parts = self._call(partial(FrictionModel.losses, outputs=outputs), leaves, fixed, given, batch)
+            slopes = torch.autograd.grad(parts["loss"], [*outputs, *leaves.values()])
+        found = dict(zip(leaves, slopes[len(outputs) :], strict=True))
+        found |= through.gradients(*slopes[: len(outputs)])
+        return found, {key: value.detach() for key, value in parts.items()}
 
     def backward(self, loss: Tensor, *args: Any, **kwargs: Any) -> None:
         """The gradients are known already."""
         for key, parameter in self._table("weight").items():
             parameter.grad = self._gradients[key]
-
-    def chunk(self, batch: Batch) -> int:
-        """Members that go through the program at once."""
-        if batch["x"].device.type != "cpu":
-            return self.size
-        activations = batch["x"].shape[-2] * int(self.hparams["network"]["width"])
-        return min(_CHUNK, self.size) if activations <= _SMALL else 1
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         losses = self.each(FrictionModel.losses, batch)["loss"]
@@ -245,38 +264,11 @@ class FrictionEnsemble(FrictionModel):
         return made
 
 
-class _Applied(nn.Module):
-    """A model and what to do with it as one module, so that ``functional_call`` can swap its tensors."""
-
-    def __init__(self, model: FrictionModel, what: Callable):
-        super().__init__()
-        self.model, self.what = model, what
-
-    def forward(self, batch: Batch) -> Any:
-        return self.what(self.model, batch)
+@lru_cache(maxsize=1)
+def _workers(count: int) -> ThreadPoolExecutor:
+    """So many threads, each computing alone."""
+    return ThreadPoolExecutor(count, initializer=torch.set_num_threads, initargs=(1,))
 
 
-def _numbers(members: list[FrictionModel]) -> dict[str, Tensor]:
-    """Plain numbers in which members may differ, stacked: scales, bounds and the unbounded bristle's scale."""
-    tables = [_number_table(member) for member in members]
-    return {key: torch.tensor([table[key] for table in tables], dtype=torch.float32) for key in tables[0]}
-
-
-def _number_table(model: FrictionModel) -> dict[str, Any]:
-    table = {f"scales.{name}": value for name, value in model.scales.items()}
-    if isinstance(model, ParameterEstimator):
-        table["z_scale"] = model.z_scale
-        for name, (low, high) in model.law_parameters.bounds.items():
-            table |= {f"bounds.{name}.low": low, f"bounds.{name}.high": high}
-    return table
-
-
-def _set_numbers(model: FrictionModel, numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """Put one member's numbers in their places; returns what was there."""
-    before = _number_table(model)
-    model.scales = {name: numbers[f"scales.{name}"] for name in model.scales}
-    if isinstance(model, ParameterEstimator):
-        model.z_scale = numbers["z_scale"]
-        names = model.law_parameters.bounds
-        model.law_parameters.bounds = {n: (numbers[f"bounds.{n}.low"], numbers[f"bounds.{n}.high"]) for n in names}
-    return before
+def _stacked(tables: list[dict[str, Tensor]]) -> dict[str, Tensor]:
+    return {key: torch.stack([table[key] for table in tables]) for key in tables[0]}

@@ -6,7 +6,6 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.func import jvp
 
 from ..errors import UserError, choose
 from ..numerics.torch_functions import LawFunctions
@@ -61,18 +60,29 @@ class ParameterEstimator(FrictionModel):
         with torch.no_grad():
             return {name: float(value) for name, value in self.law_parameters().items()}
 
-    def _bristle(self, p: dict[str, Tensor], x: Tensor, v: Tensor, N: Tensor) -> Tensor:
-        u = self.network(x)
+    def bristle_state(self, p: dict[str, Tensor], u: Tensor, v: Tensor, N: Tensor) -> Tensor:
+        """z, m, of the network's output u and the law's parameters p; all of shape (n, 1)."""
         if self.bristle == "free":
             return u * self.z_scale
         speed = torch.zeros_like(v) if self.bristle == "load" else v
         return torch.tanh(u) * self.functions.capacity(speed, N, *p.values()) / p["sigma_0"]
 
-    def predict(self, batch: Batch):
+    def _bristle_rate(self, p: dict[str, Tensor], u: Tensor, u_rate: Tensor, batch: Batch) -> Tensor:
+        """Derivative of :meth:`bristle_state` along the trajectory, m/s."""
+        if self.bristle == "free":
+            return u_rate * self.z_scale
+        v, N, v_rate, N_rate = (batch[name] for name in ("v", "N", "v_rate", "N_rate"))
+        if self.bristle == "load":
+            v, v_rate = torch.zeros_like(v), torch.zeros_like(v_rate)
+        share = torch.tanh(u)
+        g = self.functions.capacity(v, N, *p.values())
+        g_rate = self.functions.capacity_rate(v, N, v_rate, N_rate, *p.values())
+        return ((1 - share.square()) * u_rate * g + share * g_rate) / p["sigma_0"]
+
+    def respond(self, batch: Batch, *outputs: Tensor):
         p = self.law_parameters()
-        v, N = batch["v"], batch["N"]
-        primal, tangent = (batch["x"], v, N), (batch["x_rate"], batch["v_rate"], batch["N_rate"])
-        z, z_rate = jvp(lambda *a: self._bristle(p, *a), primal, tangent)[:2]
+        (u, u_rate), v, N = outputs, batch["v"], batch["N"]
+        z, z_rate = self.bristle_state(p, u, v, N), self._bristle_rate(p, u, u_rate, batch)
         force = self.functions.force(v, N, z, z_rate, *p.values())
         return {
             "force": force,

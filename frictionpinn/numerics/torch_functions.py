@@ -69,8 +69,16 @@ def contact_signals(system: System, signals: dict[str, np.ndarray]) -> dict[str,
     return dict(zip(CONTACT_SIGNALS, full, strict=True))
 
 
+def capacity_rate(law: FrictionLaw) -> tuple[sp.Expr, tuple[sp.Symbol, sp.Symbol]]:
+    """d/dt g(v, N) and the symbols of v' and N'."""
+    rates = sp.symbols("v_slip_rate N_rate", real=True)
+    g = law.capacity(CONTACT, law.symbols)
+    return sp.diff(g, CONTACT.v) * rates[0] + sp.diff(g, CONTACT.N) * rates[1], rates
+
+
 class LawFunctions:
-    """Torch functions of a friction law: ``force(v, N, z, zdot, *p)``, ``capacity(v, N, *p)``, ``rate(v, N, z, *p)``.
+    """Torch functions of a friction law: ``force(v, N, z, zdot, *p)``; of one with memory ``rate(v, N, z, *p)``,
+    ``capacity(v, N, *p)`` and its rate ``capacity_rate(v, N, v_rate, N_rate, *p)``.
 
     ``p`` are the law's parameters in the order of ``law.parameters``; tensors broadcast.
     """
@@ -81,4 +89,6 @@ class LawFunctions:
         self.force = torch_function([c.v, c.N, c.z, c.zdot, *p], law.force(c, law.symbols))
         if law.memory:
             self.capacity = torch_function([c.v, c.N, *p], law.capacity(c, law.symbols))
+            rate, symbols = capacity_rate(law)
+            self.capacity_rate = torch_function([c.v, c.N, *symbols, *p], rate)
             self.rate = torch_function([c.v, c.N, c.z, *p], law.bristle_rate(c, law.symbols))

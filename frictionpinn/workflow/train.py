@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import errno
 import logging
+import sys
 import time
 import warnings
 from pathlib import Path
@@ -29,6 +32,7 @@ from .rollout import check_rollout, rollout
 log = logging.getLogger(__name__)
 # Errors of a disk, which the user can mend; others of the system are shown whole.
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EFBIG, errno.EIO, errno.ENOTDIR)
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # M_TRIM_THRESHOLD and M_MMAP_THRESHOLD of glibc's malloc.h
 
 
 def train(cfg: Config, folder: Path) -> dict[str, Any]:
@@ -61,6 +65,7 @@ def train(cfg: Config, folder: Path) -> dict[str, Any]:
 def _train(cfg: Config, folder: Path) -> dict[str, Any]:
     begin = time.perf_counter()
     quiet()
+    keep_memory()
     same_run = check_free(folder, cfg.get("ckpt_path"))
     torch.set_num_threads(max(int(cfg["trainer"].get("threads") or torch.get_num_threads()), 1))
     L.seed_everything(seed_of(cfg), workers=False, verbose=False)
@@ -120,6 +125,18 @@ def quiet() -> None:
         warnings.filterwarnings("ignore", text)
     warnings.filterwarnings("ignore", module="lightning.*")
     warnings.filterwarnings("ignore", module="torch.optim.lr_scheduler")
+
+
+def keep_memory() -> None:
+    """Keep freed blocks for the next step: the C library of Linux gives those of some MB back to the system.
+
+    Every step of a training needs the same blocks again, and to fault them in anew is a tenth to a third of its time.
+    """
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, AttributeError):
+            library = ctypes.CDLL("libc.so.6")
+            library.mallopt(_MMAP_THRESHOLD, 2**25)  # the largest that it takes
+            library.mallopt(_TRIM_THRESHOLD, 2**30)
 
 
 def build_trainer(

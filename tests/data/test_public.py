@@ -7,6 +7,7 @@ import json
 import os
 import threading
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,21 @@ def test_a_wrong_or_interrupted_download_is_a_user_error_and_leaves_nothing(
         fetch(name, [key])
     assert "\n" not in str(caught.value)
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_a_download_that_broke_off_succeeds_at_the_second_call(tmp_path, monkeypatch):
+    body = b"0123456789" * 9999
+    with Server(body, cut=True) as url, pytest.raises(UserError, match="download failed") as caught:
+        from_url(monkeypatch, tmp_path, "emps", "fit", url)
+        monkeypatch.setitem(
+            DATASETS["emps"].files, "fit", replace(DATASETS["emps"].files["fit"], sha256=sha256(body).hexdigest())
+        )
+        fetch("emps", ["fit"])
+    assert url in str(caught.value) and "\n" not in str(caught.value)
+    with Server(body) as url:
+        monkeypatch.setitem(DATASETS["emps"].files, "fit", replace(DATASETS["emps"].files["fit"], url=url))
+        path = fetch("emps", ["fit"])["fit"]
+    assert path.read_bytes() == body and list(path.parent.iterdir()) == [path]
 
 
 def test_without_network_the_error_says_where_to_put_the_file(tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ import torch
 
 from frictionpinn.errors import UserError
 from frictionpinn.models import FrictionEnsemble
+from frictionpinn.models.network import ACTIVATIONS
 
 
 def members(make, name: str, count: int = 3, **options) -> list:
@@ -53,16 +54,30 @@ def test_every_member_takes_the_steps_that_it_would_take_alone(make, batch, name
             assert torch.allclose(member.state_dict()[key], value, rtol=1e-4, atol=1e-6), key
 
 
-@pytest.mark.parametrize("chunk", [1, 2, 3])
-def test_how_many_members_go_at_once_does_not_change_the_gradients(make, batch, chunk, monkeypatch):
-    together = FrictionEnsemble(members(make, "pe1"))
-    monkeypatch.setattr(together, "chunk", lambda _: chunk)
-    together.backward(together.training_step(batch(together.members()[0]), 0))
-    found = {key: value.grad for key, value in together.named_parameters()}
-    monkeypatch.setattr(together, "chunk", lambda _: 1)
-    together.backward(together.training_step(batch(together.members()[0]), 0))
-    for key, value in together.named_parameters():
-        assert torch.allclose(found[key], value.grad, rtol=1e-4, atol=1e-7), key
+@pytest.mark.parametrize("activation", list(ACTIVATIONS))
+@pytest.mark.parametrize("name", ["bb2", "pe2"])
+def test_gradients_by_hand_are_those_of_autograd(make, batch, name, activation):
+    network = {"width": 12, "depth": 3, "activation": activation, "odd": name == "pe2"}
+    together = FrictionEnsemble(members(make, name, network=network))
+    data = batch(together.members()[0])
+    tables = [{k: v.detach() for k, v in together._table(kind).items()} for kind in ("weight", "buffer", "number")]
+    (by_hand, losses), (found, same) = together._one_by_one(*tables, data), together._together(*tables, data)
+    for key, value in found.items():
+        assert torch.allclose(by_hand[key], value, rtol=1e-4, atol=1e-5 * float(value.abs().max()) + 1e-9), key
+    assert torch.allclose(losses["loss"], same["loss"], rtol=1e-5)
+
+
+def test_the_number_of_threads_does_not_change_the_gradients(make, batch):
+    together = FrictionEnsemble(members(make, "pe2", 5))
+    data, before, found = batch(together.members()[0]), torch.get_num_threads(), []
+    try:
+        for threads in (1, 3):
+            torch.set_num_threads(threads)
+            together.backward(together.training_step(data, 0))
+            found.append([value.grad.clone() for value in together.parameters()])
+    finally:
+        torch.set_num_threads(before)
+    assert all(torch.equal(a, b) for a, b in zip(*found, strict=True))
 
 
 def test_its_prediction_is_the_mean_of_its_members_with_their_spread(make, data):
