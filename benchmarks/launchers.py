@@ -56,10 +56,10 @@ def main() -> None:
             same = "same summary" if summary == reference else "ANOTHER SUMMARY"
             # submitit's local executor starts all jobs at once
             lines.append(f"{launcher:<8} {seconds:7.1f} s   {base / seconds:5.2f} times as fast as basic   {same}")
+            print(lines[-1], flush=True)
     head = f"{arguments.seeds} runs of pe2, {arguments.epochs} epochs, one thread each, {os.cpu_count()} cores"
     text = "\n".join([head, *lines]) + "\n"
     (ROOT / "benchmarks" / "results" / "launchers.txt").write_text(text)
-    print(text, end="")
 
 
 if __name__ == "__main__":

@@ -46,6 +46,9 @@ def layout(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, l
 class Dashboard(L.Callback):
     """Lays out the charts when the training starts, and draws each truth as a line beside its estimate.
 
+    A truth has as many points as its estimate: TensorBoard scales a chart without its outliers, and a line of two
+    points among many would be one.
+
     Args:
         parameters: see :func:`layout`.
     """
@@ -54,11 +57,19 @@ class Dashboard(L.Callback):
         self.parameters = parameters
 
     def on_train_start(self, trainer, pl_module) -> None:
-        truth = {f"truth/{name}": entry["truth"] for name, entry in self.parameters.items() if "truth" in entry}
         for logger in trainer.loggers:
             logger.experiment.add_custom_scalars(layout(self.parameters))
-            for step in {trainer.global_step, int(trainer.estimated_stepping_batches)}:
-                logger.log_metrics(truth, step=step)
+        self._draw(trainer)
+
+    def on_train_batch_end(self, trainer, pl_module, outputs, batch, batch_idx) -> None:
+        last = trainer.global_step == int(trainer.estimated_stepping_batches)
+        if trainer.global_step % trainer.log_every_n_steps == 0 or last:
+            self._draw(trainer)
+
+    def _draw(self, trainer) -> None:
+        truth = {f"truth/{name}": entry["truth"] for name, entry in self.parameters.items() if "truth" in entry}
+        for logger in trainer.loggers:
+            logger.log_metrics(truth, step=trainer.global_step)
 
 
 def show_figures(loggers, figures: Mapping[str, Figure], step: int) -> None:
