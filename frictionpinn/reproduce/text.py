@@ -7,8 +7,9 @@ Networks* (Ozmen, Hespanha and Byl, arXiv 2504.12441), ours beside theirs. This 
 result files in `docs/paper/`; no number in it is typed by hand.
 """
 
-MADE = """Setting: {settings}, {minutes} min in all (`conf/setting/`). `python reproduce.py setting=full` runs all
-seeds and steps. Every part writes its result file once: an interrupted reproduction goes on where it stopped, and
+MADE = """Setting: {settings} (`conf/setting/`); the last sessions of its parts took {minutes} min in all.
+`python reproduce.py setting=full` runs all seeds and steps. Every part writes its result file once: an interrupted
+reproduction goes on where it stopped, what was finished before is not counted again, and
 `python reproduce.py parts=[transfer] again=true` runs one part again.
 """
 
