@@ -58,7 +58,8 @@ class InMotion:
             share = (self.model.network.hidden(self.inputs(v, N)) @ self.weights).numpy()
             return N * (share + self.values["coulomb"] * np.tanh(3 * v / self.values["shift"]))
         speed, load = (torch.from_numpy(np.array(value)[:, None]) for value in (v, N))
-        z = self.model._bristle(self._law, self.inputs(v, N), speed, load)  # type: ignore[operator]
+        u = self.model.network(self.inputs(v, N))
+        z = self.model.bristle_state(self._law, u, speed, load)  # type: ignore[operator]
         return (self._law["sigma_0"] * z).squeeze(-1).numpy()
 
     def __call__(self, v: np.ndarray, N: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
