@@ -28,6 +28,11 @@ from .noise import outliers
 LOUDER = 2.5  # times the noise that differences show, where the model cannot be simulated with that
 LONGEST = 150.0  # times the steps that simulate all trials once: a refit that takes more is given up
 LIFT = 0.2  # of the friction force: where a friction that vanished starts anew
+NOISY = 1.02  # times the noise: residuals up to which nothing is left; a noise level is told to about a percent
+PEAK, SPEEDS = (
+    (1.2, 2.0),
+    4,
+)  # static over Coulomb friction: gone below, where it starts anew; Stribeck velocities tried
 RELAXED = 1e3  # factor by which viscous friction may fall below the bounds of the declared model
 OUTLIERS = 2e-3  # share of lone residuals beyond five standard deviations from which the loss is robust
 REFIT: dict[str, Any] = {"iterations": 40, "decrease": 0.05}
@@ -233,8 +238,29 @@ class Bench:
         limits = {par.name: (par.low, par.high) for par in self.tested.parameters}
         return {name: min(max(value, limits[name][0]), limits[name][1]) for name, value in values.items()}
 
+    def peaked(self, values: Mapping[str, float]) -> list[dict[str, float]]:
+        """Values with a static friction that vanished brought back, at some Stribeck velocities; none where it did not.
+
+        Without it the Stribeck velocity shows nowhere, and with that at a bound the static friction does not.
+        """
+        space = self.problem.space
+        if not {"mu_c", "mu_s", "v_s"} <= set(self.declared):
+            return []
+        at = space.names.index("v_s")
+        if values["mu_s"] > PEAK[0] * values["mu_c"] and values["v_s"] > PEAK[0] * space.low[at]:
+            return []
+        speeds = np.geomspace(space.low[at], space.high[at], SPEEDS + 2)[1:-1]
+        return [dict(values) | {"mu_s": PEAK[1] * values["mu_c"], "v_s": float(v)} for v in speeds]
+
     def search(self, fit: Fit) -> Fit | None:
         """Estimate the fit's parameters anew from all starts; None where nothing better is found."""
+        found = [self.refit(fit, fit.names, values) for values in self.peaked(fit.values)]
+        if not any(f is not None and self.explains(f) for f in found):
+            found.append(self._anew(fit))
+        better = [f for f in found if f is not None and f.state.cost < fit.state.cost]
+        return min(better, key=lambda f: f.state.cost, default=None)
+
+    def _anew(self, fit: Fit) -> Fit | None:
         problem = self._problem(self.problem, fit.names, fit.values)
         problem.trials = self._equipped(problem.trials)
         problem.motions = [
@@ -244,7 +270,7 @@ class Bench:
         problem.start, problem.given = start, dict(fit.sigmas)
         problem.sigmas = dict(fit.sigmas)
         found = maximum_likelihood(problem, start=start)
-        if found.outcome == FAILED or not found.cost < fit.state.cost:
+        if found.outcome == FAILED:
             return None
         details = found.details
         values = problem.values(details["state"].u)
@@ -268,6 +294,14 @@ class Bench:
             return None
         found = levenberg_marquardt(evaluate, first, (u, u), **REFIT)
         return Fit(fit.names, fit.values, bristle, found.state, fit.sigmas)
+
+    def explains(self, fit: Fit) -> bool:
+        """Whether the residual of every signal is as small as the noise that differences of the signal show."""
+        for name in dict.fromkeys(name for piece in fit.state.pieces for name in piece.residuals):
+            r = np.concatenate([piece.residuals[name] for piece in fit.state.pieces if name in piece.residuals])
+            if np.sqrt(np.nanmean(r**2)) > NOISY * self.problem.sigmas[name]:
+                return False
+        return True
 
     # what a fit leaves ---------------------------------------------------------------------------------------
     def derivatives(

@@ -74,6 +74,7 @@ def contest(
     before: Fit,
     significant: Sequence[Tested],
     beside: Sequence[Tested],
+    others: Sequence[Tested],
     settings: Settings,
 ) -> tuple[Accepted, Fit, list[Refused]] | tuple[None, Fit, list[Refused]]:
     """Refit the contenders and take the best that the held-out trials confirm.
@@ -82,13 +83,15 @@ def contest(
         before: the last accepted fit.
         significant: candidates by their score tests, the most significant first.
         beside: candidates that show only beside a friction that had vanished.
+        others: all candidates, the most significant first: tried where none of the above explains the residual, since a
+            fit in a wrong minimum hides even what it lacks.
         settings: thresholds.
 
     Returns:
         What was accepted or None, the fit with it, and the candidates that were refused on the way.
     """
     classes = [*contenders(significant), *([t] for t in beside)]
-    fits = _refitted(bench, before, classes)
+    fits = _refitted(bench, before, classes, others)
     refused: list[Refused] = []
     for k, (tested, fit) in enumerate(fits):
         held, why = _proof(bench, before, tested, fit, settings)
@@ -108,19 +111,31 @@ def contest(
     return None, before, refused
 
 
-def _refitted(bench: Bench, before: Fit, classes: Sequence[Sequence[Tested]]) -> list[Contender]:
+def _refitted(bench: Bench, before: Fit, classes: list[list[Tested]], others: Sequence[Tested]) -> list[Contender]:
     """The first of every class refitted, the best first."""
     fits: list[Contender] = []
     for group in classes:
         # Beside a fit that leaves nothing but noise a candidate has to be as good from where it stands.
-        thorough = not any(explained(bench, fit) for _, fit in fits)
+        thorough = not any(bench.explains(fit) for _, fit in fits)
         found = add(bench, before, group[0], thorough)
         fits += [(group[0], found)] if found is not None else []
+    if bench.mechanism.memory and not any(bench.explains(fit) for _, fit in fits):
+        for tested in others:
+            if all(abs(float(group[0].trace @ tested.trace)) < ALIKE for group in classes):
+                found = add(bench, before, tested, thorough=False)
+                classes.append([tested])
+                fits += [(tested, found)] if found is not None else []
+                if found is not None and bench.explains(found):
+                    break
     fits.sort(key=lambda pair: penalised(pair[1]))
-    if fits and bench.mechanism.memory and not explained(bench, fits[0][1]):
+    if fits and bench.mechanism.memory and not bench.explains(fits[0][1]):
         reach_ = penalised(fits[0][1]) + max(NEAR, 0.1 * (before.state.cost - fits[0][1].state.cost))
         count = min(DEEP, sum(penalised(f) < reach_ for _, f in fits))
-        deeper = [(t, bench.search(f) or f) for t, f in fits[:count]]
+        deeper: list[Contender] = []
+        for tested, fit in fits[:count]:
+            if not any(bench.explains(f) for _, f in deeper):
+                fit = bench.search(fit) or fit
+            deeper.append((tested, fit))
         fits = sorted([*deeper, *fits[count:]], key=lambda pair: penalised(pair[1]))
     for tested, fit in fits:
         gain = before.state.cost - fit.state.cost
@@ -215,16 +230,6 @@ def needed(tested: Tested, settings: Settings) -> float:
     """Log-likelihood that a candidate must gain, refitted."""
     freedom = max(tested.freedom, 1)
     return float(chi2.isf(10.0**settings.log_p / 50, freedom)) / 2
-
-
-def explained(bench: Bench, fit: Fit) -> bool:
-    """Whether the residual is as small as the noise that differences of the signals show."""
-    count = sum(int(np.isfinite(r).sum()) for piece in fit.state.pieces for r in piece.residuals.values())
-    sigmas = bench.problem.sigmas
-    chi = sum(
-        float(np.nansum((r / sigmas[name]) ** 2)) for piece in fit.state.pieces for name, r in piece.residuals.items()
-    )
-    return chi / count < 1.03
 
 
 def held_out_gain(bench: Bench, before: Fit, after: Fit) -> float | None:

@@ -68,13 +68,17 @@ def select(
         if not significant and not _remains(selection, settings):
             break
         hidden = _beside_lifted(bench, selection, options)
-        accepted, selection.fit, refused = contest(bench, selection.fit, significant, hidden, settings)
+        others = [
+            t for t in selection.last.tested
+            if not taken & set(t.candidate.strengths) and t.candidate.name not in banned and len(t.candidate.grid) < MANY
+        ]  # fmt: skip
+        accepted, selection.fit, refused = contest(bench, selection.fit, significant, hidden, others, settings)
         selection.refused += refused
         if accepted is None:
             break
         selection.accepted.append(accepted)
         _rescan(bench, selection, options, remainders, places)
-        if bench.mechanism.memory and _doubtful(selection, options, settings) and _deepen(bench, selection):
+        if bench.mechanism.memory and _doubtful(bench, selection, options, settings) and _deepen(bench, selection):
             _rescan(bench, selection, options, remainders, places)
         if _drop(bench, selection, settings):
             _rescan(bench, selection, options, remainders, places)
@@ -119,8 +123,10 @@ def _beside_lifted(bench: Bench, selection: Selection, options: Sequence[Candida
     return list(scan(bench, made, left, (), {}).tested[:LIFTED])
 
 
-def _doubtful(selection: Selection, options: Sequence[Candidate], settings: Settings) -> bool:
-    """Whether something is significant still, a candidate or a variable."""
+def _doubtful(bench: Bench, selection: Selection, options: Sequence[Candidate], settings: Settings) -> bool:
+    """Whether something is significant still, a candidate or a variable, or the residual is larger than noise."""
+    if not bench.explains(selection.fit):
+        return True
     tests = [t.log_p + np.log10(len(options)) for t in selection.last.tested]
     tests += [m.log_p + np.log10(len(selection.last.remaining)) for m in selection.last.remaining]
     return min(tests, default=0.0) < settings.log_p
@@ -132,6 +138,8 @@ def _deepen(bench: Bench, selection: Selection) -> bool:
     last = selection.accepted[-1]
     best, choice, cost = selection.fit, last, penalised(selection.fit)
     for tested, fit in ((last.tested, selection.fit), *last.close):
+        if best is not selection.fit and bench.explains(best):
+            break
         found = bench.search(replace(fit, sigmas=selection.fit.sigmas))
         if found is not None and penalised(found) < cost - SETTLED:
             best, cost = found, penalised(found)
