@@ -69,9 +69,12 @@ def select(
             break
         hidden = _beside_lifted(bench, selection, options)
         others = [
-            t for t in selection.last.tested
-            if not taken & set(t.candidate.strengths) and t.candidate.name not in banned and len(t.candidate.grid) < MANY
-        ]  # fmt: skip
+            t
+            for t in selection.last.tested
+            if not taken & set(t.candidate.strengths)
+            and t.candidate.name not in banned
+            and len(t.candidate.grid) < MANY
+        ]
         accepted, selection.fit, refused = contest(bench, selection.fit, significant, hidden, others, settings)
         selection.refused += refused
         if accepted is None:
