@@ -13,7 +13,6 @@ from .trial import Piece
 LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
 STUCK, PATIENCE = 1e12, 5  # damping beyond which no step will help; rejected steps in a row
 TRUSTED = 0.75, 1.5  # decrease over that predicted
-FELT = 2e-3  # damping below which a rejected step would hardly change
 SMALL = 5.0  # times the decrease asked for: two steps in a row that gain less end the search (the cost has kinks)
 
 
@@ -161,7 +160,7 @@ def levenberg_marquardt(
                 trust = TRUSTED[0] < ratio < TRUSTED[1]
                 break
             trust = False
-            damping, growth = max(damping, FELT) * growth, growth * 2
+            damping, growth = max(damping, 1e-9) * growth, growth * 2
             rejected += 1
             if damping > STUCK or rejected > PATIENCE:
                 return Solution(state, iteration, evaluations, "stuck")
