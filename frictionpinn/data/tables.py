@@ -81,7 +81,7 @@ def numbers(values: np.ndarray, where: str) -> np.ndarray:
     for row, value in enumerate(values, start=1):
         try:
             out[row - 1] = np.nan if value is None else float(value)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise UserError(
                 "not a number",
                 where=f"{where}, data row {row}",

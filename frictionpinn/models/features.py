@@ -38,7 +38,12 @@ class Features:
         table: dict[str, Window] = {}
         for name in inputs:
             choose(name, ODD, "model.inputs")
-            table[name] = tuple(_window(spec, name) for spec in windows.get(name, [[1, 0]]))
+            specs = windows.get(name, [[1, 0]])
+            if not isinstance(specs, list | tuple):
+                raise UserError(
+                    "no windows", where=f"model.windows.{name}", received=repr(specs), allowed="a list such as [[1, 0]]"
+                )
+            table[name] = tuple(_window(spec, name) for spec in specs)
         return cls(tuple(inputs), table)
 
     @cached_property
