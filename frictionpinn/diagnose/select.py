@@ -71,9 +71,7 @@ def select(
         others = [
             t
             for t in selection.last.tested
-            if not taken & set(t.candidate.strengths)
-            and t.candidate.name not in banned
-            and len(t.candidate.grid) < MANY
+            if not selection.accepted and t.candidate.name not in banned and len(t.candidate.grid) < MANY
         ]
         accepted, selection.fit, refused = contest(bench, selection.fit, significant, hidden, others, settings)
         selection.refused += refused
