@@ -8,7 +8,6 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from frictionpinn.errors import UserError
 from frictionpinn.workflow import cli
 
 CONFIG = Path(__file__).resolve().parent / "conf"
@@ -20,14 +19,9 @@ def main(cfg: DictConfig) -> None:
     """Diagnose the model and the recording that the configuration names."""
     from frictionpinn.workflow.diagnose import diagnose
 
-    try:
+    with cli.collected(failures):
         folder = Path(HydraConfig.get().runtime.output_dir)
         diagnose(OmegaConf.to_container(cfg, resolve=True), folder)  # type: ignore[arg-type]
-    except UserError as error:
-        if cli.full_error():
-            raise
-        cli.fail(error)
-        failures.append(error)
 
 
 if __name__ == "__main__":

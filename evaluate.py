@@ -7,7 +7,6 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from frictionpinn.errors import UserError
 from frictionpinn.workflow import cli
 
 CONFIG = Path(__file__).resolve().parent / "conf"
@@ -21,13 +20,8 @@ def main(cfg: DictConfig) -> None:
     from frictionpinn.workflow.export import export
 
     act = export if cfg.export else evaluate
-    try:
+    with cli.collected(failures):
         act(OmegaConf.to_container(cfg, resolve=True))  # type: ignore[arg-type]
-    except UserError as error:
-        if cli.full_error():
-            raise
-        cli.fail(error)
-        failures.append(error)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from frictionpinn.errors import UserError
 from frictionpinn.workflow import cli
 
 CONFIG = Path(__file__).resolve().parent / "conf"
@@ -20,13 +19,8 @@ def main(cfg: DictConfig) -> None:
     from frictionpinn.workflow.identify import identify
 
     folder = Path(hydra.core.hydra_config.HydraConfig.get().runtime.output_dir)
-    try:
+    with cli.collected(failures):
         identify(OmegaConf.to_container(cfg, resolve=True), folder)  # type: ignore[arg-type]
-    except UserError as error:
-        if cli.full_error():
-            raise
-        cli.fail(error)
-        failures.append(error)
 
 
 if __name__ == "__main__":

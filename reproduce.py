@@ -7,7 +7,6 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from frictionpinn.errors import UserError
 from frictionpinn.workflow import cli
 
 CONFIG = Path(__file__).resolve().parent / "conf"
@@ -19,13 +18,8 @@ def main(cfg: DictConfig) -> None:
     """Run the parts that are not finished and write the document."""
     from frictionpinn.reproduce.parts import reproduce
 
-    try:
+    with cli.collected(failures):
         reproduce(OmegaConf.to_container(cfg, resolve=True))  # type: ignore[arg-type]
-    except UserError as error:
-        if cli.full_error():
-            raise
-        cli.fail(error)
-        failures.append(error)
 
 
 if __name__ == "__main__":

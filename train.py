@@ -7,7 +7,6 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from frictionpinn.errors import UserError
 from frictionpinn.workflow import cli, job
 
 CONFIG = Path(__file__).resolve().parent / "conf"
@@ -23,15 +22,9 @@ def main(cfg: DictConfig) -> float | None:
         return job.run_job(plain, folder)
     from frictionpinn.workflow.train import train
 
-    try:
-        result = train(plain, folder)
-    except UserError as error:
-        if cli.full_error():
-            raise
-        cli.fail(error)
-        failures.append(error)
-        return None
-    return result["force_error"]["model"]["rmse"]
+    with cli.collected(failures):
+        return train(plain, folder)["force_error"]["model"]["rmse"]
+    return None
 
 
 if __name__ == "__main__":

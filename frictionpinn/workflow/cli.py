@@ -7,7 +7,8 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -35,6 +36,18 @@ def fail(error: BaseException) -> None:
     """Print the line of an error to the terminal."""
     text = " ".join(str(error).split())
     print(f"error: {text}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def collected(failures: list[BaseException]) -> Iterator[None]:
+    """Print a user's error within and add it to ``failures``: in a sweep the other tasks go on."""
+    try:
+        yield
+    except UserError as error:
+        if full_error():
+            raise
+        fail(error)
+        failures.append(error)
 
 
 def quote(value: object) -> str:
