@@ -73,7 +73,13 @@ def table(result: Mapping[str, Any]) -> str:
     widths = [max(len(row[k]) for row in cells) for k in range(len(cells[0]))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
     note = f"median [lowest, highest] over {len(result['seeds'])} seeds; force error: held-out trial simulated"
-    return "\n".join([*lines, note + "; complete: every parameter was found"])
+    lines.append(note + "; complete: every parameter was found")
+    if result.get("start") is not None:
+        label = LABELS.get(str(result["start"]), "")
+        lines.append(
+            f"started from {f'the parameters of {label}; its time is not counted' if label else result['start']}"
+        )
+    return "\n".join(lines)
 
 
 def error_against_time(results: Mapping[str, Mapping[str, Any]]) -> Figure:

@@ -14,13 +14,14 @@ import numpy as np
 from ..data.contact import contact_trials
 from ..data.module import TrajectoryData
 from ..data.recording import Recording
-from ..errors import choose
+from ..errors import UserError, choose, nearest
 from ..identify.likelihood import maximum_likelihood
 from ..identify.problem import Problem
 from ..identify.result import CONVERGED, Estimate
 from ..identify.search_methods import METHODS, search
 from ..physics.mechanism import Mechanism
 from .build import Config, build_model, build_smoothing
+from .load import trained_parameters
 from .train import build_trainer, quiet
 
 NETWORKS = ("pe1", "pe2")
@@ -33,7 +34,7 @@ def estimate(
     mechanism: Mechanism,
     recording: Recording,
     *,
-    start: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | str | Path | None = None,
     seed: int = 0,
     epochs: int | None = None,
     simulations: float = np.inf,
@@ -45,22 +46,49 @@ def estimate(
         method: one of ``ESTIMATORS``.
         mechanism: system and friction law.
         recording: what was measured, noise included, SI units.
-        start: start values by name, SI units; the others come from the data.
+        start: start values by name, SI units; the others come from the data. Or "pe1" or "pe2", a network that is
+            trained on the recording first, or the folder of a training run: its parameters.
         seed: of the genetic algorithm and of the networks.
         epochs: of the networks' training; None: as configured.
         simulations: most simulations of the whole recording, for the search methods.
         options: of :class:`frictionpinn.identify.Problem` (bounds, fixed, sigmas, windows, loss ...).
 
     Raises:
-        UserError: an unknown method; names, bounds or signals that do not fit.
+        UserError: an unknown method or start; names, bounds or signals that do not fit.
     """
     choose(method, dict.fromkeys(ESTIMATORS), "estimator")
+    if start in NETWORKS:
+        start = network(str(start), mechanism, recording, None, seed, epochs, options).values
+    elif start is not None:
+        start = given_start(start, mechanism)
     if method in NETWORKS:
         return network(method, mechanism, recording, start, seed, epochs, options)
     problem = Problem(mechanism, recording, **options)
     if method == "maximum_likelihood":
         return maximum_likelihood(problem, start=start)
     return search(method, problem, start=start, seed=seed, simulations=simulations)
+
+
+def given_start(start: Mapping[str, Any] | str | Path, mechanism: Mechanism) -> dict[str, float]:
+    """Start values by name, SI units, as they are given or from the folder of a training run.
+
+    Raises:
+        UserError: names or values that the law cannot have; no such run, or one without parameters of this law.
+    """
+    if isinstance(start, Mapping):
+        table = {par.name: par for par in mechanism.parameters}
+        for name, value in start.items():
+            choose(name, table, "start")
+            number = isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
+            if not number or not table[name].low <= value <= table[name].high:
+                allowed = f"a number from {table[name].low:g} to {table[name].high:g}, SI unit"
+                raise UserError("impossible start value", where=f"start.{name}", received=value, allowed=allowed)
+        return {name: float(value) for name, value in start.items()}
+    if not isinstance(start, str | Path) or not Path(start).exists():
+        raise UserError("no such start", where="start", received=repr(start),
+                        allowed=f"{', '.join(NETWORKS)}, the folder of a training run, or values: {{mu_c: 0.3}}",
+                        fix=nearest(start, NETWORKS))  # fmt: skip
+    return trained_parameters(start, mechanism)
 
 
 def default_config(overrides: list[str], name: str = "train") -> Config:

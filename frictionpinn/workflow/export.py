@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UserError, choose
+from ..errors import choose
 from ..export import PortableModel
 from ..export.c_code import write_c
 from ..export.mujoco_model import write_mujoco
@@ -18,7 +17,7 @@ from ..export.onnx_model import write_onnx
 from ..models import FrictionModel
 from ..physics import System
 from .build import Config, build_recording
-from .load import load_run
+from .load import load_run, refined
 from .manifest import write_json
 from .result import commit, versions
 from .train import quiet
@@ -86,14 +85,3 @@ def sampling_interval(trained: Config, system: System) -> float:
         return 1.0 / float(data["rate_hz"])
     trial = build_recording(data, system).trials[0]
     return float(np.median(np.diff(trial.t)))
-
-
-def refined(run: str | Path) -> dict[str, float]:
-    """The law's parameters that the run refined; empty where it did not."""
-    path = Path(run) / "result.json"
-    table = (json.loads(path.read_text(encoding="utf-8")).get("refined") or {}).get("parameters") or {}
-    values = {name: entry.get("value") for name, entry in table.items()}
-    missing = [name for name, value in values.items() if value is None]
-    if missing:
-        raise UserError("a refined parameter has no value", where=str(path), received=", ".join(missing))
-    return {name: float(value) for name, value in values.items() if value is not None}

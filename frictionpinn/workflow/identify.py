@@ -22,7 +22,7 @@ from ..numerics.simulate import Simulator
 from ..physics import LAWS
 from ..physics.mechanism import Mechanism
 from .build import Config, build_data, build_system
-from .estimate import ESTIMATORS, estimate
+from .estimate import ESTIMATORS, NETWORKS, estimate, given_start
 from .manifest import write_json
 from .result import commit, versions
 from .train import quiet
@@ -80,6 +80,7 @@ def compare(cfg: Config) -> dict[str, Any]:
         "seeds": cfg["seeds"],
         "epochs": cfg["epochs"],
         "most_simulations": cfg["simulations"],
+        "start": cfg["start"],
         "truth": cfg["data"].get("truth") if _knows_truth(cfg) else None,
         "units": {name: units[name] for name in names} | {"force_mse": squared(system.force_unit)},
         "methods": {method: [runs[method] for runs in found] for method in cfg["methods"]},
@@ -92,6 +93,8 @@ def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
     cfg = cfg | {"seed": seed}
     system = build_system(cfg["system"])
     mechanism = Mechanism(system, LAWS[cfg["friction"]["name"]]())
+    origin = cfg["start"]
+    given = {} if origin is None or origin in NETWORKS else given_start(origin, mechanism)
     data = build_data(cfg, system)
     recording = data.recording.select(data.splits["train"])
     if cfg["data"]["name"] == "simulated":
@@ -100,19 +103,24 @@ def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
         trajectories = recorded_trajectories(cfg, system, data)
     bounds = bounds_of(cfg, seed)
     start = start_within(bounds, seed) if bounds else dict(_given(cfg["friction"]["start"]))
+    start = within(bounds, start | given) if given else start
     options: dict[str, Any] = {"bounds": bounds, "fixed": _given(cfg["friction"]["fixed"])}
     options |= {"seed": seed, "epochs": cfg["epochs"]}
     estimate("least_squares", mechanism, recording, start=start, simulations=2, **options)  # compiles the equations
     simulations = np.inf if cfg["simulations"] is None else float(cfg["simulations"])
     scorer = Scorer(mechanism, options["fixed"], trajectories)
     result = {}
-    for method in cfg["methods"]:
+    methods = sorted(cfg["methods"], key=lambda method: method != origin)  # the network that the others start from
+    if origin in NETWORKS and origin not in methods:
+        methods = [origin, *methods]
+    for method in methods:
         processor = time.process_time()
         found = estimate(method, mechanism, recording, start=start, simulations=simulations, **options)
         processor = time.process_time() - processor
         result[method] = _entry(found, processor, scorer, start) | {"seed": seed, "start": start, "bounds": bounds}
         log.info(f"seed {seed}, {method}: {found.seconds:.1f} s, {found.outcome}")
-    return result
+        start = within(bounds, start | found.values) if method == origin else start
+    return {method: result[method] for method in cfg["methods"]}
 
 
 class Scorer:
@@ -176,11 +184,17 @@ def bounds_of(cfg: Config, seed: int) -> dict[str, list[float]]:
 def start_within(bounds: Mapping[str, list[float]], seed: int) -> dict[str, float]:
     """A start for every bounded parameter, log-uniform; a static coefficient above the Coulomb one."""
     rng = np.random.default_rng([seed, 2])
-    start = {name: float(np.exp(rng.uniform(*np.log(pair)))) for name, pair in bounds.items()}
-    if "mu_s" in start and "mu_c" in start:
-        start["mu_s"] = min(max(start["mu_s"], 1.05 * start["mu_c"]), bounds["mu_s"][1])
-        start["mu_c"] = min(start["mu_c"], start["mu_s"] / 1.01)
-    return start
+    return within(bounds, {name: float(np.exp(rng.uniform(*np.log(pair)))) for name, pair in bounds.items()})
+
+
+def within(bounds: Mapping[str, list[float]], start: Mapping[str, float]) -> dict[str, float]:
+    """The start moved inside the bounds, the static coefficient above the Coulomb one."""
+    moved = {name: float(np.clip(value, *bounds.get(name, (-np.inf, np.inf)))) for name, value in start.items()}
+    if "mu_s" in moved and "mu_c" in moved:
+        highest = bounds["mu_s"][1] if "mu_s" in bounds else np.inf
+        moved["mu_s"] = min(max(moved["mu_s"], 1.05 * moved["mu_c"]), highest)
+        moved["mu_c"] = min(moved["mu_c"], moved["mu_s"] / 1.01)
+    return moved
 
 
 def _given(table: Mapping[str, Any] | None) -> dict[str, Any]:

@@ -9,12 +9,17 @@ from typing import Any
 from ..errors import UserError, nearest
 from ..models import MODELS, FrictionEnsemble, FrictionModel
 from ..physics import System
+from ..physics.mechanism import Mechanism
 from .build import Config, build_system
 from .checkpoints import load_checkpoint
 
 
-def load_run(folder: str | Path) -> tuple[Config, System, FrictionModel]:
+def load_run(folder: str | Path, where: str = "run") -> tuple[Config, System, FrictionModel]:
     """Rebuild what a run trained, from its ``result.json`` and ``checkpoints/best.ckpt``.
+
+    Args:
+        folder: of the run.
+        where: the option that names it, for error messages.
 
     Returns:
         the resolved configuration of the training, the system with its values, and the model with its best weights,
@@ -24,8 +29,8 @@ def load_run(folder: str | Path) -> tuple[Config, System, FrictionModel]:
         UserError: no such folder, a file of a run that is missing or unreadable, a checkpoint of another model.
     """
     folder = Path(folder)
-    cfg = _configuration(folder)
-    checkpoint = load_checkpoint(folder / "checkpoints" / "best.ckpt", "run")
+    cfg = _configuration(folder, where)
+    checkpoint = load_checkpoint(folder / "checkpoints" / "best.ckpt", where)
     options: dict[str, Any] = dict(checkpoint.get("hyper_parameters") or {})
     if options.get("name") not in MODELS or options["name"] != cfg["model"]["name"]:
         raise UserError(
@@ -45,13 +50,51 @@ def load_run(folder: str | Path) -> tuple[Config, System, FrictionModel]:
     return cfg, build_system(cfg["system"]), model.eval()
 
 
-def _configuration(folder: Path) -> Config:
+def refined(run: str | Path, complete: bool = True) -> dict[str, float]:
+    """The law's parameters that the run refined; empty where it did not.
+
+    Raises:
+        UserError: with ``complete``, where one of them has no value.
+    """
+    path = Path(run) / "result.json"
+    table = (json.loads(path.read_text(encoding="utf-8")).get("refined") or {}).get("parameters") or {}
+    values = {name: entry.get("value") for name, entry in table.items()}
+    missing = [name for name, value in values.items() if value is None]
+    if missing and complete:
+        raise UserError("a refined parameter has no value", where=str(path), received=", ".join(missing))
+    return {name: float(value) for name, value in values.items() if value is not None}
+
+
+def trained_parameters(folder: str | Path, mechanism: Mechanism, where: str = "start") -> dict[str, float]:
+    """The parameters that a run of train.py found for this mechanism's law, SI units; refined ones where it refined.
+
+    Raises:
+        UserError: no such run; a run on another system; a black box, or a law with other parameters.
+    """
+    _, system, model = load_run(folder, where)
+    if system.name != mechanism.system.name:
+        raise UserError("run on another system", where=where, received=f"{folder}, {system.name}",
+                        allowed=f"a run on {mechanism.system.name}", fix=f"say system={system.name}")  # fmt: skip
+    values = model.physical() | refined(folder, complete=False)
+    names = [par.name for par in mechanism.law.parameters if par.value is None]
+    if not set(names) & set(values):
+        raise UserError(
+            "run without parameters of this law",
+            where=where,
+            received=f"{folder}, {model.hparams['name']}",
+            allowed="a run of pe1 or pe2",
+            fix="train one: python train.py model=pe2",
+        )
+    return {name: values[name] for name in names if name in values}
+
+
+def _configuration(folder: Path, where: str) -> Config:
     if not folder.is_dir():
         parent = next((item for item in folder.parents if item.is_dir()), Path())
         present = sorted(str(item) for item in parent.iterdir() if item.is_dir() and not item.name.startswith("."))
         raise UserError(
             "no such folder",
-            where="run",
+            where=where,
             received=str(folder),
             allowed=", ".join(present[-8:]) or "the folder of a training run",
             fix=nearest(str(folder), present) or "give the folder that train.py names when it ends",
@@ -62,7 +105,7 @@ def _configuration(folder: Path) -> Config:
         inside = sorted(str(item) for item in found if not item.name.startswith("evaluation"))
         raise UserError(
             "not a finished training run: it has no result.json",
-            where="run",
+            where=where,
             received=str(folder),
             allowed=", ".join(inside[-8:]) or "a folder that train.py wrote",
             fix=f"did you mean '{inside[-1]}'?" if inside else "wait for the training's end, or train again",

@@ -7,7 +7,8 @@ import json
 import pytest
 
 from frictionpinn.errors import UserError
-from frictionpinn.workflow.export import export, refined
+from frictionpinn.workflow.export import export
+from frictionpinn.workflow.load import refined
 
 
 def test_an_unknown_form_is_named_before_anything_is_written(tmp_path):

@@ -85,6 +85,60 @@ def test_a_recording_of_ones_own_is_identified_without_a_truth(csv, tmp_path):
     assert run["force_mse"] > 0 and run["start"] == {}
 
 
+@pytest.fixture(scope="module")
+def trained(quick, tmp_path_factory):
+    """A short training of PE2 on the mechanism of ``DRIVE``, and one of BB1."""
+    folders = {}
+    for model in ("pe2", "bb1"):
+        folders[model] = tmp_path_factory.mktemp(model)
+        quick(folders[model], f"model={model}", *DRIVE[:-2])
+    return folders
+
+
+def test_every_estimator_starts_where_a_trained_network_ended(trained, tmp_path):
+    options = [*DRIVE, "bounds=data", "methods=[maximum_likelihood,nelder_mead]", f"start={trained['pe2']}"]
+    result = identify(default_config(options, "identify"), tmp_path)
+    found = json.loads((trained["pe2"] / "result.json").read_text())["parameters"]
+    for runs in result["methods"].values():
+        assert runs[0]["start"]["mu_c"] == pytest.approx(found["mu_c"]["value"], rel=1e-6)
+        assert runs[0]["start"]["sigma_2"] == pytest.approx(found["sigma_2"]["value"], rel=1e-6)
+    assert str(trained["pe2"]) in table(result)
+
+
+def test_a_network_is_trained_once_and_the_others_start_from_it(tmp_path):
+    options = [*DRIVE, "methods=[maximum_likelihood,pe2,nelder_mead]", "start=pe2"]
+    methods = identify(default_config(options, "identify"), tmp_path)["methods"]
+    assert list(methods) == ["maximum_likelihood", "pe2", "nelder_mead"]
+    network = methods["pe2"][0]
+    for name in ("maximum_likelihood", "nelder_mead"):
+        assert methods[name][0]["start"] != network["start"]
+        assert methods[name][0]["start"]["mu_c"] == network["values"]["mu_c"]
+
+
+def test_a_start_may_be_given_by_name_and_is_moved_inside_the_bounds(tmp_path):
+    options = [*DRIVE, "bounds=near", "methods=[least_squares]", "start={mu_c: 1.0, v_s: 5e-3}"]
+    (run,) = identify(default_config(options, "identify"), tmp_path)["methods"]["least_squares"]
+    assert run["start"]["v_s"] == 5e-3 or run["start"]["v_s"] in run["bounds"]["v_s"]
+    assert run["start"]["mu_c"] == run["bounds"]["mu_c"][0]
+
+
+def test_a_start_that_cannot_be_is_told_in_one_line(trained, tmp_path):
+    for start, told in {
+        "start=pe3": "did you mean 'pe2'|did you mean 'pe1'",
+        "start={mu_k: 0.3}": "did you mean 'mu_",
+        "start={mu_c: -0.3}": "impossible start value: start.mu_c is -0.3",
+        "start={mu_c: high}": "impossible start value",
+        f"start={trained['bb1']}": "train one: python train.py model=pe2",
+        f"start={tmp_path}": "no result.json: start is",
+    }.items():
+        with pytest.raises(UserError, match=told) as caught:
+            identify(default_config([*DRIVE, "methods=[nelder_mead]", start], "identify"), tmp_path)
+        assert "\n" not in str(caught.value)
+    other = [start for start in DRIVE if not start.startswith(("system", "data"))] + ["system=pob"]
+    with pytest.raises(UserError, match="say system=drive"):
+        identify(default_config([*other, f"start={trained['pe2']}"], "identify"), tmp_path)
+
+
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
