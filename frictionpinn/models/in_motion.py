@@ -14,8 +14,19 @@ from typing import Any
 import numpy as np
 import torch
 
+from ..numerics.bristle_law import BristleLaw
+from ..numerics.sliding import level, past_rest
+from ..physics import LAWS
 from .base import FrictionModel
 from .parameter_estimator import ParameterEstimator
+
+LAW = BristleLaw(LAWS["lugre"](), alpha=2)
+
+
+def law_values(values: Mapping[str, float]) -> np.ndarray:
+    """Parameters of ``LAW``, in its order, where the force that the network gives of sliding stands for F_c."""
+    known = {"mu_c": 1.0, "mu_s": 1.0 + values["peak"], "v_s": values["peak_velocity"]}
+    return np.array([known.get(name, values.get(name)) for name in LAW.names], float)
 
 
 class InMotion:
@@ -24,9 +35,9 @@ class InMotion:
     Of a black box, without memory: with x = v + shift tanh(v / creep),
     F = N (coulomb tanh(3 x / shift) + weights . hidden(x, N)), hidden the last hidden layer of its network.
 
-    Of a parameter estimator the bristle is a state: F = sigma_0 z + sigma_1 z' + sigma_2 v with
-    z' = v - sigma_0 |v| z / g. It settles to what the network says of sliding,
-    g = gain |sigma_0 z_network(v + shift sign v, N)| (1 + peak exp(-(v / peak_velocity)^2)).
+    Of a parameter estimator the bristle is a state, of LuGre's law with sigma_0, sigma_1, sigma_2. It settles to what
+    the network says of sliding: F_c = gain |sigma_0 z_network(v + shift sign v, N)|, F_s = (1 + peak) F_c,
+    v_s = peak_velocity.
 
     Args:
         model: trained.
@@ -66,11 +77,10 @@ class InMotion:
         """Force and bristle rate (0 of a black box), arrays of shape (n,)."""
         p = self.values
         if not self.memory:
-            return self.sliding(v + p["shift"] * np.tanh(v / p["creep"]), N), np.zeros_like(v)
-        level = p["gain"] * np.abs(self.sliding(v + p["shift"] * np.where(v < 0, -1.0, 1.0), N)) + 1e-12
-        settled = level * (1 + p["peak"] * np.exp(-((v / p["peak_velocity"]) ** 2))) / p["sigma_0"]
-        rate = v - np.abs(v) * z / settled
-        return p["sigma_0"] * z + p["sigma_1"] * rate + p["sigma_2"] * v, rate
+            return self.sliding(past_rest(v, p["shift"], p["creep"]), N), np.zeros_like(v)
+        settled = level(self.sliding(v + np.copysign(p["shift"], v), N), p["gain"])
+        force, rate = LAW.numpy(v, settled, z, *law_values(p))
+        return force, rate
 
     def checkpoint(self) -> dict[str, Any]:
         """Plain tensors and values, for :meth:`restore`."""

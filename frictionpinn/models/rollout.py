@@ -14,12 +14,13 @@ from scipy.optimize import least_squares
 
 from ..data.contact import ContactTrial
 from ..errors import UserError
+from ..numerics.codegen import pointer
 from ..numerics.stick_slip import bristle_rollout, static_rollout
 from ..numerics.torch_functions import contact_signals
 from ..physics import LAWS, System
 from ..physics.mechanism import Mechanism
 from .base import FrictionModel
-from .in_motion import InMotion
+from .in_motion import LAW, InMotion, law_values
 
 STEPS = 16  # of the simulation, per sample
 SKIP = 8  # samples after a start, whose velocity is known to the noise
@@ -61,7 +62,7 @@ def fit_in_motion(
         the friction, and what a result holds of it: values, mean square of the residuals, seconds, simulations.
 
     Raises:
-        UserError: another variant, neither velocity nor acceleration measured.
+        UserError: another variant, neither velocity nor acceleration measured, or no trial that slides.
     """
     _check(model, mobility)
     begin = time.perf_counter()
@@ -137,6 +138,14 @@ def _per_load(model: FrictionModel, trials: Sequence[ContactTrial]) -> InMotion:
     found = InMotion(model, {"shift": shift, "coulomb": 0.0})
     slides = np.abs(v) > SLIDES * model.scales["velocity_noise"]
     v, N, force = v[slides], np.abs(N[slides]), force[slides]
+    if not len(v):
+        raise UserError(
+            "no training sample surely slides",
+            where="rollout",
+            received=f"slip velocities below {SLIDES:g} times their noise",
+            allowed="training trials in which the contact slides",
+            fix="add such a trial, or leave rollout=false",
+        )
     with torch.no_grad():
         hidden = found.model.network.hidden(found.inputs(v + shift * np.sign(v), N)).numpy()
     design = N[:, None] * np.column_stack([hidden, np.sign(v)])
@@ -206,7 +215,6 @@ class _Problem:
 
     def residuals(self, values: Mapping[str, float]) -> np.ndarray:
         """Force and slip velocity of every trial, each over its noise."""
-        p = np.array(list(values.values()))
         found = []
         for trial in self.rolled:
             v0, force0 = trial.start
@@ -214,7 +222,9 @@ class _Problem:
             if "creep" in values:
                 force, slip = static_rollout(*known, values["shift"], values["creep"], STEPS)
             else:
-                force, slip = bristle_rollout(*known, force0, p, STEPS)
+                law = (pointer(LAW.kernels.rate), pointer(LAW.kernels.force))
+                p = law_values(values)
+                force, slip = bristle_rollout(*law, *known, force0, values["shift"], values["gain"], p, STEPS)
             for simulated, measured, noise in zip((force, slip), (trial.force, trial.slip), self.noise, strict=True):
                 found.append(np.clip(np.nan_to_num((simulated - measured)[SKIP:] / noise), -_FAR, _FAR))
         return np.concatenate(found)

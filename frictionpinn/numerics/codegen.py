@@ -76,6 +76,17 @@ def _function_source(name: str, expressions: list[sp.Expr], arguments: dict[sp.S
     return _FUNCTION.format(name=name, body="\n".join("    " + line for line in lines or ["pass"]))
 
 
+def module_source(title: str, functions: dict[str, list[sp.Expr]], arguments: dict[sp.Symbol, str]) -> str:
+    """Source of a module; ``arguments`` say where a symbol stands in the functions' vectors (``s[0]``)."""
+    parts = [_function_source(name, expressions, arguments) for name, expressions in functions.items()]
+    return _HEADER.format(title=title) + "".join(parts)
+
+
+def equations_key(text: str) -> str:
+    """Hash of the equations in ``text``, of this generator and of numba."""
+    return hashlib.sha256(f"{VERSION} {numba.__version__} {text}".encode()).hexdigest()[:20]
+
+
 @lru_cache(maxsize=1)
 def cache_folder() -> Path:
     """Folder of the generated code: ``FRICTIONPINN_CACHE``, else the user's cache; a temporary one if not writable."""
@@ -90,7 +101,7 @@ def cache_folder() -> Path:
         return temporary
 
 
-def _load(stem: str, source) -> ModuleType:
+def load_module(stem: str, source) -> ModuleType:
     """Import the generated module ``stem``; ``source()`` writes its text where no process has done so before."""
     path = cache_folder() / f"{stem}.py"
     if not path.exists():
@@ -178,16 +189,14 @@ class Kernels:
 
     @cached_property
     def key(self) -> str:
-        """Hash of the equations, of this generator and of numba."""
-        text = sp.srepr((*self.mechanism.residuals, *self._outputs)) + repr(self.symbols)
-        return hashlib.sha256(f"{VERSION} {numba.__version__} {text}".encode()).hexdigest()[:20]
+        """Hash that names the files."""
+        return equations_key(sp.srepr((*self.mechanism.residuals, *self._outputs)) + repr(self.symbols))
 
     def _derivatives(self, expressions, symbols: list[sp.Symbol]) -> list[sp.Expr]:
         return [sp.diff(expr, symbol) for expr in expressions for symbol in symbols]
 
     def _source(self, functions: dict[str, list[sp.Expr]]) -> str:
-        parts = [_function_source(name, expressions, self._arguments) for name, expressions in functions.items()]
-        return _HEADER.format(title=self.mechanism.name) + "".join(parts)
+        return module_source(self.mechanism.name, functions, self._arguments)
 
     def _newton(self) -> list[sp.Expr]:
         (state, unknown, _, _), rows = self.symbols, list(self.mechanism.residuals)
@@ -205,9 +214,9 @@ class Kernels:
     @cached_property
     def plain(self) -> ModuleType:
         """Module with ``newton`` and ``outputs``."""
-        return _load(f"{self.key}_plain", self._plain_source)
+        return load_module(f"{self.key}_plain", self._plain_source)
 
     @cached_property
     def sensitivity(self) -> ModuleType:
         """Module with ``parameters`` and ``output_derivatives``."""
-        return _load(f"{self.key}_sensitivity", self._sensitivity_source)
+        return load_module(f"{self.key}_sensitivity", self._sensitivity_source)

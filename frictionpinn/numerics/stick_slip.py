@@ -7,8 +7,12 @@ no equation of motion, and a table no network: ten seconds at 400 Hz with 16 ste
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
+from .integrator import F1, F2, KERNEL, OPTIONS
+from .sliding import level, past_rest
+
+_FLOATS = (types.float64,) * 6
 _ITERATIONS, _SETTLED, _NUDGE = 50, 1e-9, 1e-6
 
 
@@ -25,7 +29,7 @@ def _look(table, grid, v, N):
 
 @njit(cache=True)
 def static_rollout(table, grid, A, N, h, mobility, v0, shift, creep, steps):
-    """Force F = table(v + shift tanh(v / creep), N), by implicit Euler.
+    """Force F = table(past_rest(v), N), by implicit Euler.
 
     Args:
         table: force, shape (velocities, normal forces), on ``grid`` (see :func:`_look`).
@@ -42,12 +46,12 @@ def static_rollout(table, grid, A, N, h, mobility, v0, shift, creep, steps):
     for k in range(len(A)):
         w, low, high, f = v, v - 1e3, v + 1e3, 0.0
         for _ in range(_ITERATIONS):
-            f = _look(table, grid, w + shift * np.tanh(w / creep), N[k])
+            f = _look(table, grid, past_rest(w, shift, creep), N[k])
             miss = w - v - h * (A[k] - mobility * f)
             if k == 0 or abs(miss) < _SETTLED:
                 break
             ahead = w + _NUDGE
-            slope = (_look(table, grid, ahead + shift * np.tanh(ahead / creep), N[k]) - f) / _NUDGE
+            slope = (_look(table, grid, past_rest(ahead, shift, creep), N[k]) - f) / _NUDGE
             if miss > 0:
                 high = w
             else:
@@ -61,29 +65,37 @@ def static_rollout(table, grid, A, N, h, mobility, v0, shift, creep, steps):
     return force, slip
 
 
-@njit(cache=True)
-def bristle_rollout(table, grid, A, N, h, mobility, v0, force0, p, steps):
-    """Bristle z' = v - sigma_0 |v| z / g, F = sigma_0 z + sigma_1 z' + sigma_2 v; z exactly over a step, v explicitly.
+@njit(types.UniTuple(F1, 2)(KERNEL, KERNEL, F2, F1, F1, F1, *_FLOATS, F1, types.int64), **OPTIONS)
+def bristle_rollout(rate_of, force_of, table, grid, A, N, h, mobility, v0, force0, shift, gain, p, steps):
+    """Law with memory, linear in z, whose normal force is the level of sliding; z exact over a step, v explicit.
 
-    g = gain |table(v + shift sign v, N)| (1 + peak exp(-(v / peak_velocity)^2)).
+    level = gain |table(v + shift sign v, N)|; with k = dz'/dz a step adds z' (exp(k h) - 1) / k to z.
 
     Args:
+        rate_of, force_of: kernels of :class:`.bristle_law.BristleLaw`.
         force0: friction force at the start, which the bristle holds there.
-        p: shift, gain, sigma_0, sigma_1, sigma_2, peak, peak_velocity.
+        p: parameters of the law.
         others: see :func:`static_rollout`.
     """
-    shift, gain, sigma_0, sigma_1, sigma_2, peak, peak_velocity = p
     count = (len(A) - 1) // steps + 1
     force, slip = np.zeros(count), np.zeros(count)
-    v, z = v0, (force0 - sigma_2 * v0) / sigma_0
+    s, rate, u, out = np.array([v0, 0.0]), np.zeros(1), np.zeros(1), np.zeros(2)
+    force_of(s, rate, u, p, out)
+    rest = out[0]
+    s[1] = 1.0
+    force_of(s, rate, u, p, out)
+    s[1] = (force0 - rest) / (out[0] - rest)
     for k in range(len(A)):
-        sign = 1.0 if v >= 0 else -1.0
-        level = gain * abs(_look(table, grid, v + sign * shift, N[k])) + 1e-12
-        settled = level * (1 + peak * np.exp(-((v / peak_velocity) ** 2))) / sigma_0
+        v = s[0]
+        u[0] = level(_look(table, grid, v + np.copysign(shift, v), N[k]), gain)
+        rate_of(s, rate, u, p, out)
+        rate[0] = out[0]
         if k:
-            z = sign * settled + (z - sign * settled) * np.exp(-abs(v) * h / settled)
-        f = sigma_0 * z + sigma_1 * (v - abs(v) * z / settled) + sigma_2 * v
+            fade = np.expm1(out[1] * h)
+            s[1] += out[0] * (fade / out[1] if out[1] != 0 else h)
+            rate[0] *= 1 + fade
+        force_of(s, rate, u, p, out)
         if k % steps == 0:
-            force[k // steps], slip[k // steps] = f, v
-        v += h * (A[k] - mobility * f)
+            force[k // steps], slip[k // steps] = out[0], v
+        s[0] = v + h * (A[k] - mobility * out[0])
     return force, slip

@@ -13,7 +13,6 @@ from ..errors import UserError
 from ..evaluate.characteristics import mobility
 from ..models import FrictionModel
 from ..models.in_motion import InMotion
-from ..models.rollout import fit_in_motion
 from ..physics import System
 from .build import Config
 from .checkpoints import load_checkpoint
@@ -36,6 +35,8 @@ def check_rollout(cfg: Config) -> None:
 
 def rollout(system: System, data: TrajectoryData, model: FrictionModel, folder: Path) -> dict[str, Any]:
     """Fit, and write ``checkpoints/in_motion.ckpt``; return what ``result.json`` holds of it."""
+    from ..models.rollout import fit_in_motion  # compiles on a new installation: not before it is needed
+
     log.info("simulating the training trials with the network in the equation of motion")
     slope = 0.0 if system.massless else mobility(system)
     friction, told = fit_in_motion(model, system, data.select("train"), slope)

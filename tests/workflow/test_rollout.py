@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from frictionpinn.errors import UserError
+from frictionpinn.evaluate.characteristics import mobility
 from frictionpinn.evaluate.in_motion import simulate_in_motion
 from frictionpinn.evaluate.in_simulation import simulate_model
+from frictionpinn.models.rollout import fit_in_motion
 from frictionpinn.workflow.build import build_data
 from frictionpinn.workflow.load import load_run
 from frictionpinn.workflow.rollout import load_in_motion
@@ -59,3 +61,11 @@ def test_friction_in_motion_opposes_the_motion_and_sticks_at_rest(run):
 def test_a_model_with_a_past_or_an_ensemble_is_refused_before_it_is_trained(wrong, quick, tmp_path):
     with pytest.raises(UserError, match="without a past"):
         quick(tmp_path / "run", *wrong, "rollout=true", epochs=1)
+
+
+def test_trials_that_only_rest_are_refused_in_one_line(run):
+    trained, system, model = load_run(run)
+    if not model.sees_rates:
+        model.scales["velocity_noise"] = 1.0  # m/s, above every slip velocity of the trials
+        with pytest.raises(UserError, match="no training sample surely slides"):
+            fit_in_motion(model, system, build_data(trained, system).select("train"), mobility(system))
