@@ -7,7 +7,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,7 +17,7 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import ChoiceSweep, Override
 from hydra.errors import HydraException
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from ..errors import UserError, nearest
@@ -86,8 +86,10 @@ def check_command_line(config_folder: Path, config_name: str, arguments: Sequenc
                 fix="write a text that holds commas in quotes, a list in brackets",
             )
         _check_choice(config_folder, override)
-    single = [_first(override) for override in overrides if not override.key_or_group.startswith("hydra")]
-    _check_keys(config_folder, config_name, single)
+    own = [override for override in overrides if not override.key_or_group.startswith("hydra")]
+    plain = [item for item in own if not (config_folder / item.key_or_group).is_dir()]
+    further = [(item.key_or_group, value) for item in plain for value in _values(item)[1:]]
+    _check_keys(config_folder, config_name, [_first(override) for override in own], further)
 
 
 def check_output(config_folder: Path, config_name: str, arguments: Sequence[str]) -> None:
@@ -166,7 +168,10 @@ def _first(override: Override) -> str:
     return f"{key}={value.split(',')[0]}" if isinstance(override.value(), ChoiceSweep) else ""
 
 
-def _check_keys(config_folder: Path, config_name: str, overrides: list[str]) -> None:
+def _check_keys(
+    config_folder: Path, config_name: str, overrides: list[str], further: Sequence[tuple[str, object]] = ()
+) -> None:
+    """Compose the configuration; ``further`` are the other values of a sweep, by key."""
     GlobalHydra.instance().clear()
     try:
         with initialize_config_dir(str(config_folder), version_base="1.3"):
@@ -174,7 +179,9 @@ def _check_keys(config_folder: Path, config_name: str, overrides: list[str]) -> 
             config = compose(config_name, overrides=plain)
             default = compose(config_name, overrides=[item for item in plain if _is_group(config_folder, item)])
         OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
-        _check_types(default, config, plain)
+        changed = [item.partition("=")[0].lstrip("+~") for item in plain]
+        for key, value in [*((key, OmegaConf.select(config, key)) for key in changed), *further]:
+            _check_type(key, OmegaConf.select(default, key), getattr(value, "text", value))
     except (HydraException, OmegaConfBaseException) as error:
         choices = [item for item in overrides if item and _is_group(config_folder, item)]
         raise _explain(error, config_folder, config_name, choices) from error
@@ -186,28 +193,28 @@ def _is_group(config_folder: Path, override: str) -> bool:
     return (config_folder / override.partition("=")[0].lstrip("+~")).is_dir()
 
 
-def _check_types(default: DictConfig, config: DictConfig, overrides: list[str]) -> None:
+def _check_type(key: str, before: object, after: object) -> None:
     """A number or a switch of the configuration must stay one."""
-    for override in overrides:
-        key = override.partition("=")[0].lstrip("+~")
-        before, after = OmegaConf.select(default, key), OmegaConf.select(config, key)
-        number = isinstance(before, int | float) and not isinstance(before, bool)
-        if OmegaConf.is_config(before) and after is not None and type(before) is not type(after):
-            kind = "list" if OmegaConf.is_list(before) else "table"
-            example = "[1, 2]" if kind == "list" else "{key: value}"
-            raise UserError(f"not a {kind}", where=key, received=repr(after), allowed=f"a {kind} such as {example}")
-        whole = isinstance(before, int) and re.search(r"epochs|steps|seed|patience|width|depth|bits|size|iter", key)
-        if whole and isinstance(after, float) and not after.is_integer():
-            raise UserError("not a whole number", where=key, received=after, allowed=f"a whole number such as {before}")
-        wrong = number and (isinstance(after, bool) or not isinstance(after, int | float | None))
-        if wrong or (isinstance(before, bool) and not isinstance(after, bool)):
-            raise UserError(
-                "not a number" if number else "not a switch",
-                where=key,
-                received=repr(after),
-                allowed=f"a number such as {before}" if number else "true or false",
-                fix="write the value without a unit" if number else "",
-            )
+    if isinstance(after, str) and "${" in after:
+        return
+    number = isinstance(before, int | float) and not isinstance(before, bool)
+    kind = "list" if OmegaConf.is_list(before) else "table" if OmegaConf.is_dict(before) else ""
+    same = isinstance(after, list) or OmegaConf.is_list(after) if kind == "list" else isinstance(after, Mapping)
+    if kind and after is not None and not same:
+        example = "[1, 2]" if kind == "list" else "{key: value}"
+        raise UserError(f"not a {kind}", where=key, received=repr(after), allowed=f"a {kind} such as {example}")
+    whole = isinstance(before, int) and re.search(r"epochs|steps|seed|patience|width|depth|bits|size|iter", key)
+    if whole and isinstance(after, float) and not after.is_integer():
+        raise UserError("not a whole number", where=key, received=after, allowed=f"a whole number such as {before}")
+    wrong = number and (isinstance(after, bool) or not isinstance(after, int | float | None))
+    if wrong or (isinstance(before, bool) and not isinstance(after, bool)):
+        raise UserError(
+            "not a number" if number else "not a switch",
+            where=key,
+            received=repr(after),
+            allowed=f"a number such as {before}" if number else "true or false",
+            fix="write the value without a unit" if number else "",
+        )
 
 
 def _explain(error: Exception, config_folder: Path, config_name: str, choices: list[str]) -> UserError:

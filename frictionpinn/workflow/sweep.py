@@ -76,7 +76,8 @@ class Sweep:
             for first in range(0, len(todo), max(batch, 1)):
                 self._launch(launcher, todo[first : first + max(batch, 1)])
         finally:
-            summarise_sweep(self.folder, jobs, self.told)
+            if done or any((self.folder / job.folder / STATUS).exists() for job in jobs):
+                summarise_sweep(self.folder, jobs, self.told)
         failed = [job for job in jobs if not result_of(self.folder / job.folder)]
         cli.failed_jobs += len(failed)
         if failed:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from frictionpinn.errors import UserError
+from frictionpinn.workflow.cli import check_command_line
+
+CONF = Path(__file__).resolve().parents[2] / "conf"
 
 
 def refused(check, folder, message, *overrides):
@@ -149,3 +154,12 @@ def test_a_wrong_option_is_refused(check, tmp_path, override):
 
 def test_a_public_set_with_another_system_is_refused(check, tmp_path):
     refused(check, tmp_path, r"data of another system: .*allowed: system=drive; add system=drive", "data=emps")
+
+
+def test_every_value_of_a_sweep_is_checked_before_any_is_trained():
+    for wrong, told in {"seed=0,x": "seed is 'x'", "data.trials=[],3": "data.trials is 3"}.items():
+        with pytest.raises(UserError, match=told):
+            check_command_line(CONF, "train", ["-m", wrong])
+    fine = ["model=bb1,pe1", "seed=0,1"]
+    fine += ["data.trials=[{duration: 1.0}],[{duration: 2.0}]", "optimizer.lr=1e-3,2", "refine=true,false"]
+    check_command_line(CONF, "train", ["-m", *fine])

@@ -74,6 +74,7 @@ def test_slurm_without_slurm_is_one_line(tmp_path, command):
     process = command(tmp_path, "-m", "seed=0,1", *LONG, "hydra/launcher=slurm", PATH="/usr/bin:/bin")
     assert process.returncode == 2
     assert "error: no Slurm here: hydra/launcher is slurm, and no command sbatch" in process.stderr
+    assert "summary" not in process.stdout
 
 
 @pytest.mark.parametrize(
