@@ -4,62 +4,31 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ..data.recording import Recording
-from ..errors import UserError
 from ..identify.likelihood import find_start, maximum_likelihood
 from ..identify.linear import Rows, linearise, weighted
 from ..identify.problem import Problem, in_parallel
-from ..identify.result import FAILED, Estimate
-from ..identify.solve import State, levenberg_marquardt
+from ..identify.result import FAILED
+from ..identify.solve import levenberg_marquardt
 from ..identify.space import Space
 from ..identify.start import default_bounds
 from ..identify.trial import TrialModel
 from ..identify.units import Sizes
 from ..numerics.simulate import ContactLost, Simulation, SimulationFailed, Simulator
 from ..physics.mechanism import Mechanism
-from .noise import outliers
+from .declared import fit_declared
+from .fit import Fit
+from .restarts import peaked
 
-LOUDER = 2.5  # times the noise that differences show, where the model cannot be simulated with that
 LONGEST = 150.0  # times the steps that simulate all trials once: a refit that takes more is given up
-LIFT = 0.2  # of the friction force: where a friction that vanished starts anew
-NOISY = 1.02  # times the noise: residuals up to which nothing is left; a noise level is told to about a percent
-PEAK, SPEEDS = (
-    (1.2, 2.0),
-    4,
-)  # static over Coulomb friction: gone below, where it starts anew; Stribeck velocities tried
 RELAXED = 1e3  # factor by which viscous friction may fall below the bounds of the declared model
-OUTLIERS = 2e-3  # share of lone residuals beyond five standard deviations from which the loss is robust
 REFIT: dict[str, Any] = {"iterations": 40, "decrease": 0.05}
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A fit to the trials of a problem.
-
-    Attributes:
-        names: parameters that were estimated.
-        values: all parameters of the tested mechanism by name, SI units.
-        models: of the trials.
-        state: unknowns and cost.
-        sigmas: noise levels that weighted the residuals.
-    """
-
-    names: tuple[str, ...]
-    values: dict[str, float]
-    models: tuple[TrialModel, ...]
-    state: State
-    sigmas: dict[str, float]
-
-    @property
-    def locals(self) -> tuple[np.ndarray, ...]:
-        """Unknowns of each trial."""
-        return self.state.locals
 
 
 class Bench:
@@ -85,24 +54,7 @@ class Bench:
         **options: Any,
     ):
         self.mechanism, self.tested = mechanism, tested
-        auto = options.get("loss", "auto") == "auto"
-        options = options | {"loss": "gaussian" if auto else options["loss"]}
-        self.problem = Problem(mechanism, fitted, **options)
-        self.estimate: Estimate = maximum_likelihood(self.problem, start=start)
-        if self.estimate.outcome == FAILED and not options.get("sigmas"):
-            # Coloured noise differs little from sample to sample: it is larger than it seems, and paths that follow it
-            # lose contact.
-            louder = {name: LOUDER * sigma for name, sigma in self.problem.sigmas.items()}
-            self.problem = Problem(mechanism, fitted, **(options | {"sigmas": louder}))
-            self.problem.given = {}
-            self.estimate = maximum_likelihood(self.problem, start=start)
-        if auto and self.estimate.outcome != FAILED and outliers(self.estimate.residuals) > OUTLIERS:
-            options["loss"] = "robust"
-            self.problem = Problem(mechanism, fitted, **options)
-            self.estimate = maximum_likelihood(self.problem, start=start)
-        if self.estimate.outcome == FAILED:
-            raise UserError("the declared model cannot be fitted", where="system, friction", received=mechanism.name,
-                            fix="; ".join(self.estimate.advice))  # fmt: skip
+        self.problem, self.estimate, options = fit_declared(mechanism, fitted, start, options)
         self.simulator, self.probe = Simulator(tested), Simulator(probed)
         self.defaults = {par.name: par.value for par in tested.parameters} | tested.system.values
         self.declared = tuple(self.problem.names)
@@ -221,44 +173,20 @@ class Bench:
         found = levenberg_marquardt(evaluate, first, problem.space.limits, **REFIT)
         return Fit(problem.names, problem.values(found.state.u), fit.models, found.state, sigmas)
 
-    def lifted(self, values: Mapping[str, float]) -> dict[str, float] | None:
-        """Values with Coulomb and viscous friction that vanished brought back, None where neither did.
-
-        What is missing may have pushed them out, and from nothing no search in their logarithm returns.
-        """
-        base = self.sizes.base
-        found = {}
-        for name, unit in (("mu_c", self.sizes.scales["load"][1]), ("sigma_2", self.sizes.scales["speed"][1])):
-            if name in self.declared and values[name] * unit < 1e-2 * base["{F}"]:
-                found[name] = LIFT * base["{F}"] / unit
-        return dict(values) | found if found else None
-
     def clip(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values moved inside the physical limits of their parameters."""
         limits = {par.name: (par.low, par.high) for par in self.tested.parameters}
         return {name: min(max(value, limits[name][0]), limits[name][1]) for name, value in values.items()}
 
-    def peaked(self, values: Mapping[str, float]) -> list[dict[str, float]]:
-        """Values with a static friction that vanished brought back, at some Stribeck velocities; none where it did not.
-
-        Without it the Stribeck velocity shows nowhere, and with that at a bound the static friction does not.
-        """
-        space = self.problem.space
-        if not {"mu_c", "mu_s", "v_s"} <= set(self.declared):
-            return []
-        at = space.names.index("v_s")
-        if values["mu_s"] > PEAK[0] * values["mu_c"] and values["v_s"] > PEAK[0] * space.low[at]:
-            return []
-        speeds = np.geomspace(space.low[at], space.high[at], SPEEDS + 2)[1:-1]
-        return [dict(values) | {"mu_s": PEAK[1] * values["mu_c"], "v_s": float(v)} for v in speeds]
-
     def search(self, fit: Fit) -> Fit | None:
         """Estimate the fit's parameters anew from all starts; None where nothing better is found."""
-        found = [self.refit(fit, fit.names, values) for values in self.peaked(fit.values)]
-        if not any(f is not None and self.explains(f) for f in found):
-            found.append(self._anew(fit))
-        better = [f for f in found if f is not None and f.state.cost < fit.state.cost]
-        return min(better, key=lambda f: f.state.cost, default=None)
+        found: list[Fit] = []
+        for start in (*peaked(self.problem, fit.values), None):
+            made = self._anew(fit) if start is None else self.refit(fit, fit.names, start)
+            found += [made] if made is not None and made.state.cost < fit.state.cost else []
+            if found and found[-1].explains:
+                break
+        return min(found, key=lambda f: f.state.cost, default=None)
 
     def _anew(self, fit: Fit) -> Fit | None:
         problem = self._problem(self.problem, fit.names, fit.values)
@@ -295,14 +223,6 @@ class Bench:
         found = levenberg_marquardt(evaluate, first, (u, u), **REFIT)
         return Fit(fit.names, fit.values, bristle, found.state, fit.sigmas)
 
-    def explains(self, fit: Fit) -> bool:
-        """Whether the residual of every signal is as small as the noise that differences of the signal show."""
-        for name in dict.fromkeys(name for piece in fit.state.pieces for name in piece.residuals):
-            r = np.concatenate([piece.residuals[name] for piece in fit.state.pieces if name in piece.residuals])
-            if np.sqrt(np.nanmean(r**2)) > NOISY * self.problem.sigmas[name]:
-                return False
-        return True
-
     # what a fit leaves ---------------------------------------------------------------------------------------
     def derivatives(
         self, fit: Fit, names: Sequence[str], values: Mapping[str, float], runs: Sequence[Simulation] | None
@@ -327,10 +247,11 @@ class Bench:
 
         return in_parallel(work, [len(model.t) for model in fit.models])
 
-    def simulate(self, fit: Fit) -> list[Simulation]:
-        """Every trial at the fit."""
+    def simulate(self, fit: Fit, strict: bool = False) -> list[Simulation]:
+        """Every trial at the fit; ``strict`` where sensitivities are to be added."""
         return in_parallel(
-            lambda k: fit.models[k].simulate(fit.values, fit.locals[k]), [len(model.t) for model in fit.models]
+            lambda k: fit.models[k].simulate(fit.values, fit.locals[k], strict=strict),
+            [len(model.t) for model in fit.models],
         )
 
     def linearise(

@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from .bench import Bench, Fit
+from .bench import Bench
 from .candidates import Candidate
+from .fit import Fit
+from .restarts import lifted
 from .scan import Tested
 from .score import ALIKE
 
@@ -116,31 +118,51 @@ def _refitted(bench: Bench, before: Fit, classes: list[list[Tested]], others: Se
     fits: list[Contender] = []
     for group in classes:
         # Beside a fit that leaves nothing but noise a candidate has to be as good from where it stands.
-        thorough = not any(bench.explains(fit) for _, fit in fits)
-        found = add(bench, before, group[0], thorough)
+        found = add(bench, before, group[0], thorough=not _explained(fits))
         fits += [(group[0], found)] if found is not None else []
-    if bench.mechanism.memory and not any(bench.explains(fit) for _, fit in fits):
-        for tested in others:
-            if all(abs(float(group[0].trace @ tested.trace)) < ALIKE for group in classes):
-                found = add(bench, before, tested, thorough=False)
-                classes.append([tested])
-                fits += [(tested, found)] if found is not None else []
-                if found is not None and bench.explains(found):
-                    break
+    if bench.mechanism.memory and not _explained(fits):
+        # Wrong minima: the best is searched anew first, then whatever was left out is tried, then the next best.
+        searched: set[int] = set()
+        fits = _searched(bench, fits, 1, searched)
+        if not _explained(fits):
+            _try_others(bench, before, classes, fits, others)
+        if fits and not _explained(fits):
+            best = min(penalised(fit) for _, fit in fits)
+            reach_ = best + max(NEAR, 0.1 * (before.state.cost - best))
+            fits = _searched(bench, fits, min(DEEP, sum(penalised(f) < reach_ for _, f in fits)), searched)
     fits.sort(key=lambda pair: penalised(pair[1]))
-    if fits and bench.mechanism.memory and not bench.explains(fits[0][1]):
-        reach_ = penalised(fits[0][1]) + max(NEAR, 0.1 * (before.state.cost - fits[0][1].state.cost))
-        count = min(DEEP, sum(penalised(f) < reach_ for _, f in fits))
-        deeper: list[Contender] = []
-        for tested, fit in fits[:count]:
-            if not any(bench.explains(f) for _, f in deeper):
-                fit = bench.search(fit) or fit
-            deeper.append((tested, fit))
-        fits = sorted([*deeper, *fits[count:]], key=lambda pair: penalised(pair[1]))
     for tested, fit in fits:
         gain = before.state.cost - fit.state.cost
         log.info(f"  {tested.candidate.name}: log-likelihood {gain:+.1f} on the fitted trials")
     return fits
+
+
+def _explained(fits: Sequence[Contender]) -> bool:
+    return any(fit.explains for _, fit in fits)
+
+
+def _searched(bench: Bench, fits: Sequence[Contender], most: int, searched: set[int]) -> list[Contender]:
+    """The fits, the best first, with the first of them searched anew, each once, until one explains the residual."""
+    fits = sorted(fits, key=lambda pair: penalised(pair[1]))
+    for k, (tested, fit) in enumerate(fits[:most]):
+        if id(tested) not in searched and not _explained(fits):
+            searched.add(id(tested))
+            fits[k] = (tested, bench.search(fit) or fit)
+    return fits
+
+
+def _try_others(
+    bench: Bench, before: Fit, classes: list[list[Tested]], fits: list[Contender], others: Sequence[Tested]
+) -> None:
+    """Refit candidates outside the classes, each as a class of its own, until one explains the residual."""
+    for tested in others:
+        if any(abs(float(group[0].trace @ tested.trace)) >= ALIKE for group in classes):
+            continue
+        found = add(bench, before, tested, thorough=False)
+        classes.append([tested])
+        fits += [(tested, found)] if found is not None else []
+        if found is not None and found.explains:
+            return
 
 
 def _proof(bench: Bench, before: Fit, tested: Tested, fit: Fit, settings: Settings) -> tuple[float | None, str]:
@@ -202,8 +224,8 @@ def add(bench: Bench, fit: Fit, tested: Tested, thorough: bool = True) -> Fit | 
     tries: list[Fit] = []
     astray = thorough and tested.statistic > ASTRAY
     bases = [fit.values, *({**fit.values, **start} for start in (bench.starts if astray else ()))]
-    lifted = bench.lifted(fit.values)
-    for base in [*bases, *([lifted] if lifted else [])]:
+    back = lifted(bench.problem, bench.sizes, fit.values)
+    for base in [*bases, *([back] if back else [])]:
         # From neutral, since Gauss-Newton moves all parameters together; from its step where that fails.
         for share in (0.0, 1.0):
             values = base | tested.shape | {name: share * value for name, value in step.items()}

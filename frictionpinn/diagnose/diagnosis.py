@@ -13,9 +13,10 @@ import numpy as np
 from ..data.recording import Recording
 from ..identify.result import Estimate, interval
 from ..physics.mechanism import Mechanism
-from .bench import Bench, Fit
+from .bench import Bench
 from .candidates import Candidate, candidates, effects_for
 from .errors import compare, main_signal
+from .fit import Fit
 from .network import Network, train_network
 from .observe import ranges, scales, simulations
 from .remainder import Remainder, places, remainders

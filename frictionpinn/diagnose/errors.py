@@ -10,7 +10,8 @@ import numpy as np
 import sympy as sp
 
 from ..physics.system import System
-from .bench import Bench, Fit
+from .bench import Bench
+from .fit import Fit
 from .observe import samples
 
 FORCE = "friction_force"

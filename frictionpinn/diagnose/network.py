@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from .bench import Bench, Fit
+from .bench import Bench
 from .errors import compare
+from .fit import Fit
 from .remainder import BUMPS, Remainder
 from .scan import Remaining
 

@@ -11,7 +11,8 @@ from ..numerics.simulate import Simulation
 from ..physics.base import CONTACT
 from ..physics.scan import data_scales
 from ..physics.system import System
-from .bench import Bench, Fit
+from .bench import Bench
+from .fit import Fit
 from .remainder import Remainder
 
 

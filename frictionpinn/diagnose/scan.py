@@ -10,8 +10,9 @@ import numpy as np
 from ..identify.linear import Rows
 from ..identify.problem import in_parallel
 from ..numerics.simulate import Simulation
-from .bench import Bench, Fit
+from .bench import Bench
 from .candidates import Candidate
+from .fit import Fit
 from .noise import Noise, fit_noise
 from .remainder import BUMPS, Remainder
 from .score import Columns, Normal, log_p, project, solve
@@ -166,7 +167,7 @@ def _tested(
     known = [c.matrix[:, :n] for c in columns]
     inner = normal.A[:n, :n]
     best: dict[str, Tested] = {}
-    runs = bench.simulate(fit)
+    runs = bench.simulate(fit, strict=True)
     moving = {e.name for e in bench.tested.effects if e.states or e.memory}  # their shape moves a state
     for k in range(max((len(c.grid) for c in options), default=0)):
         here = [c for c in options if len(c.grid) > k and (len(c.grid) > 1 or k == 0)]

@@ -8,10 +8,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .bench import Bench, Fit
+from .bench import Bench
 from .candidates import Candidate
 from .contest import Accepted, Refused, Settings, contest, needed, penalised
+from .fit import Fit
 from .remainder import Remainder
+from .restarts import lifted
 from .scan import Scanned, Tested, scan
 
 __all__ = ["Accepted", "Refused", "Selection", "Settings", "select"]
@@ -111,11 +113,11 @@ def _remains(selection: Selection, settings: Settings) -> bool:
 def _beside_lifted(bench: Bench, selection: Selection, options: Sequence[Candidate]) -> list[Tested]:
     """The best candidates beside a friction that vanished from the fit, brought back: some show only together."""
     fit = selection.fit
-    lifted = bench.lifted(fit.values)
-    if lifted is None:
+    back = lifted(bench.problem, bench.sizes, fit.values)
+    if back is None:
         return []
-    moved = {name for name in fit.names if lifted[name] != fit.values[name]}
-    made = bench.refit(fit, tuple(n for n in fit.names if n not in moved), lifted)
+    moved = {name for name in fit.names if back[name] != fit.values[name]}
+    made = bench.refit(fit, tuple(n for n in fit.names if n not in moved), back)
     if made is None:
         return []
     banned = {r.candidate.name for r in selection.refused}
@@ -125,8 +127,8 @@ def _beside_lifted(bench: Bench, selection: Selection, options: Sequence[Candida
 
 
 def _doubtful(bench: Bench, selection: Selection, options: Sequence[Candidate], settings: Settings) -> bool:
-    """Whether something is significant still, a candidate or a variable, or the residual is larger than noise."""
-    if not bench.explains(selection.fit):
+    """Whether something is significant still, a candidate or a variable, or the residual is correlated in time."""
+    if not selection.fit.explains:
         return True
     tests = [t.log_p + np.log10(len(options)) for t in selection.last.tested]
     tests += [m.log_p + np.log10(len(selection.last.remaining)) for m in selection.last.remaining]
@@ -139,7 +141,7 @@ def _deepen(bench: Bench, selection: Selection) -> bool:
     last = selection.accepted[-1]
     best, choice, cost = selection.fit, last, penalised(selection.fit)
     for tested, fit in ((last.tested, selection.fit), *last.close):
-        if best is not selection.fit and bench.explains(best):
+        if best is not selection.fit and best.explains:
             break
         found = bench.search(replace(fit, sigmas=selection.fit.sigmas))
         if found is not None and penalised(found) < cost - SETTLED:

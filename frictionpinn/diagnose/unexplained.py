@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.linear_model import OrthogonalMatchingPursuit
 
-from .bench import Bench, Fit
+from .bench import Bench
+from .fit import Fit
 from .remainder import BUMPS, Remainder
 from .scan import Remaining
 from .score import Columns, Normal

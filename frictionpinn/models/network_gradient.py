@@ -79,9 +79,13 @@ def _gelu(a: Tensor):
 ACTIVATE: dict[str, Activation] = {"silu": _silu, "tanh": _tanh, "softplus": _softplus, "relu": _relu, "gelu": _gelu}
 
 
+# An operator of torch's own compiler, not of its public interface: a version without it takes the plain product.
+ONEDNN = torch.backends.mkldnn.is_available() and hasattr(torch.ops.mkldnn, "_linear_pointwise")
+
+
 def product(x: Tensor, weight: Tensor) -> Tensor:
     """x weight^T. oneDNN's, where torch has it, is more than twice as fast as MKL's on some processors."""
-    if x.dtype == torch.float32 and torch.backends.mkldnn.is_available():
+    if ONEDNN and x.dtype == torch.float32:
         return torch.ops.mkldnn._linear_pointwise(x, weight, None, "none", [], "")
     return x @ weight.T
 

@@ -1,0 +1,72 @@
+"""A fit to the trials of a problem, and whether it leaves anything but noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..identify.solve import State
+from ..identify.trial import TrialModel
+
+SPANS = 5, 20, 60  # samples over which autocorrelations are summed: what a model lacks is slower than that
+CORRELATED = 4.5  # standard deviations of such a sum, from which the residual is more than white noise
+FAR = 5.0  # standard deviations at which lone residuals are cut
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fit to the trials of a problem.
+
+    Attributes:
+        names: parameters that were estimated.
+        values: all parameters of the tested mechanism by name, SI units.
+        models: of the trials.
+        state: unknowns and cost.
+        sigmas: noise levels that weighted the residuals.
+    """
+
+    names: tuple[str, ...]
+    values: dict[str, float]
+    models: tuple[TrialModel, ...]
+    state: State
+    sigmas: dict[str, float]
+
+    @property
+    def locals(self) -> tuple[np.ndarray, ...]:
+        """Unknowns of each trial."""
+        return self.state.locals
+
+    @property
+    def correlation(self) -> float:
+        """How far the residuals are from white noise: the largest sum of autocorrelations over the signals, in its
+        standard deviation under white noise.
+
+        For one signal of n samples and a span of L lags it is sqrt(n / L) sum_{l=1}^{L} rho_l. It asks for no noise
+        level, and estimated unknowns only lower it.
+        """
+        names = dict.fromkeys(name for piece in self.state.pieces for name in piece.residuals)
+        series = {name: [p.residuals[name] for p in self.state.pieces if name in p.residuals] for name in names}
+        return max((_correlation(own) for own in series.values()), default=0.0)
+
+    @property
+    def explains(self) -> bool:
+        """Whether the residuals are as white as noise."""
+        return self.correlation < CORRELATED
+
+
+def _correlation(series: Sequence[np.ndarray]) -> float:
+    rows = [np.nan_to_num(r) for r in series]
+    size = float(np.median(np.abs(np.concatenate(rows)))) / 0.6745
+    if size == 0.0:
+        return 0.0
+    rows = [np.clip(r / size, -FAR, FAR) for r in rows]
+    lags = SPANS[-1]
+    products = np.zeros(lags + 1)
+    for r in rows:
+        for lag in range(min(lags + 1, len(r))):
+            products[lag] += float(r[lag:] @ r[: len(r) - lag])
+    count = sum(map(len, rows))
+    sums = np.cumsum(products[1:]) / products[0]
+    return max(float(np.sqrt(count / span) * sums[span - 1]) for span in SPANS)

@@ -1,0 +1,51 @@
+"""Other starts for a fit from which something vanished: no search in its logarithm brings it back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..identify.problem import Problem
+from ..identify.units import Sizes
+
+LIFT = 0.2  # of the friction force: where a friction that vanished starts anew
+GONE = 1e-2  # of the friction force: Coulomb or viscous friction below it has vanished
+PEAK = 1.2, 2.0  # static over Coulomb friction: gone below, where it starts anew
+SPEEDS = 4  # Stribeck velocities tried
+
+
+def lifted(problem: Problem, sizes: Sizes, values: Mapping[str, float]) -> dict[str, float] | None:
+    """Values with Coulomb and viscous friction that vanished brought back, None where neither did.
+
+    What is missing may have pushed them out.
+
+    Args:
+        problem: of the declared model.
+        sizes: how large parameters are on this data.
+        values: of a fit, SI units.
+    """
+    force, found = sizes.base["{F}"], {}
+    for name, unit in (("mu_c", sizes.scales["load"][1]), ("sigma_2", sizes.scales["speed"][1])):
+        if name in problem.names and values[name] * unit < GONE * force:
+            found[name] = LIFT * force / unit
+    return dict(values) | found if found else None
+
+
+def peaked(problem: Problem, values: Mapping[str, float]) -> list[dict[str, float]]:
+    """Values with a static friction that vanished brought back, at some Stribeck velocities; none where it did not.
+
+    Without it the Stribeck velocity shows nowhere, and with that at a bound the static friction does not.
+
+    Args:
+        problem: of the declared model: its bounds are those of the Stribeck velocity.
+        values: of a fit, SI units.
+    """
+    space = problem.space
+    if not {"mu_c", "mu_s", "v_s"} <= set(problem.names):
+        return []
+    at = space.names.index("v_s")
+    if values["mu_s"] > PEAK[0] * values["mu_c"] and values["v_s"] > PEAK[0] * space.low[at]:
+        return []
+    speeds = np.geomspace(space.low[at], space.high[at], SPEEDS + 2)[1:-1]
+    return [dict(values) | {"mu_s": PEAK[1] * values["mu_c"], "v_s": float(v)} for v in speeds]
