@@ -6,11 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.optimize import lsq_linear
 
 from .trial import Piece
 
 LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
+FAINT = 0.01  # added to the curvature in log u: that of an unknown told to ten powers of e, which tells nothing
 STUCK, PATIENCE = 1e12, 5  # damping beyond which no step will help; rejected steps in a row
 TRUSTED = 0.75, 1.5  # decrease over that predicted
 SMALL = 5.0  # times the decrease asked for: two steps in a row that gain less end the search (the cost has kinks)
@@ -83,22 +85,34 @@ def reduced(state: State, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray,
     return S, g, back
 
 
-def _step(state: State, damping: float, frozen: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], float] | None:
-    """Damped Gauss-Newton step (global, local) and the decrease that the quadratic model predicts for it."""
+def _step(
+    state: State, damping: float, limits: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, list[np.ndarray], float] | None:
+    """Damped Gauss-Newton step (global, local) and the decrease that the quadratic model predicts for it.
+
+    It minimises the model within the limits, and is shortened to ``LONGEST_STEP``. An unknown that hardly shows would
+    go far, and hold back all the others: ``FAINT`` keeps it near.
+    """
     S, g, back = reduced(state, damping)
-    n, free = len(state.u), ~frozen & (S.diagonal() > 0)  # what shows nowhere stays
+    n = len(state.u)
+    S[np.diag_indices(n)] += FAINT
+    low, high = np.minimum(limits[0] - state.u, 0.0), np.maximum(limits[1] - state.u, 0.0)
+    free = low < high
     du = np.zeros(n)
     if free.any():
         scale = 1 / np.sqrt(np.maximum(S.diagonal()[free], 1e-300))
         try:
-            factor = cho_factor(S[np.ix_(free, free)] * scale[:, None] * scale)
+            lower = cholesky(S[np.ix_(free, free)] * scale[:, None] * scale, lower=True)
         except np.linalg.LinAlgError:
             return None
-        du[free] = -scale * cho_solve(factor, scale * g[free])
+        right = solve_triangular(lower, -scale * g[free], lower=True)
+        found = solve_triangular(lower, right, lower=True, trans="T") * scale
+        if np.any(found < low[free]) or np.any(found > high[free]):
+            box = low[free] / scale, high[free] / scale
+            found = lsq_linear(lower.T, right, box, method="bvls").x * scale
+        du[free] = found
+    du *= min(1.0, LONGEST_STEP / max(np.abs(du).max(initial=0.0), 1e-300))
     dl = [np.zeros(0) if X is None else -X[:, n] - X[:, :n] @ du for X in back]
-    longest = np.abs(du).max(initial=0.0)
-    factor = min(1.0, LONGEST_STEP / longest) if longest > 0 else 1.0
-    du, dl = factor * du, [factor * d for d in dl]
     decrease = 0.0
     for piece, d in zip(state.pieces, dl, strict=True):
         decrease -= float(du @ piece.grad_g + 0.5 * du @ piece.gg @ du)
@@ -120,8 +134,8 @@ def levenberg_marquardt(
 ) -> Solution:
     """Minimise the cost within bounds on the global unknowns.
 
-    A trial step for which the model cannot be simulated is rejected like one that raises the cost. A global unknown
-    at its bound stays there while the gradient points outwards. The search ends where the cost changes by less than
+    A trial step for which the model cannot be simulated is rejected like one that raises the cost. Steps end at the
+    bounds: each minimises the quadratic model within them. The search ends where the cost changes by less than
     ``relative`` of itself, or the undamped model promises less than ``decrease`` (in units of the log-likelihood).
 
     Args:
@@ -137,16 +151,14 @@ def levenberg_marquardt(
     trust = False  # the last step came out as predicted: the next is taken with derivatives at once
     low, high = limits
     for iteration in range(iterations):
-        gradient = reduced(state)[1]
-        at = ((state.u <= low) & (gradient > 0)) | ((state.u >= high) & (gradient < 0)) | (low >= high)
-        full = _step(state, 0.0, at)
+        full = _step(state, 0.0, limits)
         if full is not None and abs(full[2]) < decrease:
             return Solution(state, iteration, evaluations, "converged")
         if visited is not None and visited(state):
             return Solution(state, iteration, evaluations, KNOWN)
         rejected = 0
         while True:
-            step = _step(state, damping, at)
+            step = _step(state, damping, limits)
             better = None
             if step is not None:
                 u = np.clip(state.u + step[0], low, high)

@@ -88,6 +88,7 @@ KEPT: dict[str, tuple[Callable[[], bytes | str], str | None]] = {
     "overflow of a spreadsheet": (lambda: text(_put("v", 7, "#####")), "not a number: .*data row 8 is '#####'"),
     "infinity": (lambda: text(_put("a", 7, "inf")), "infinite value: .*column 'a', data row 8"),
     "beyond double precision": (lambda: text(_put("a", 7, "1e999")), "infinite value: .*column 'a', data row 8"),
+    "an integer beyond any float": (lambda: text(_put("a", 7, "9" * 400)), "column 'a', data row 8"),
     "thousands separated": (lambda: text(_put("x", 7, "1 000.5")), "not a number: .*data row 8 is '1 000.5'"),
     "times of day": (
         lambda: text(changed(t=[f"12:00:{k:02d}" for k in range(80)])),

@@ -135,6 +135,7 @@ OPTIONS = {
     "+smoothing.online.foo=1": r"options that do not fit: smoothing.online is .*foo",
     "model.inputs=[]": r"no inputs: model.inputs is \[\]; allowed: a list of v_slip",
     "model.windows.v_slip=[6, 1]": r"impossible window: model.windows.v_slip is 6; allowed: a list of \[samples",
+    "model.windows.v_slip=null": r"no windows: model.windows.v_slip is None; allowed: a list such as",
     "optimizer.lr=null": r"step size must be positive: optimizer.lr is None",
     "friction.start.mu_c=low": r"not a number: friction.start.mu_c is 'low'",
     "friction.bounds.mu_c=[0.1]": r"impossible bounds: friction.bounds.mu_c is \[0.1\]; allowed: \[low, high\]",

@@ -1,0 +1,108 @@
+"""What a fit says of itself, where it starts anew, and when it is given up."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from frictionpinn.data.noise import GaussianNoise
+from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.diagnose import bench as benches
+from frictionpinn.diagnose.bench import Bench
+from frictionpinn.diagnose.fit import Fit
+from frictionpinn.diagnose.restarts import lifted, peaked
+from frictionpinn.identify.problem import Problem
+from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
+
+TRUTH = {"sigma_0": 2e4, "sigma_1": 150.0, "sigma_2": 2.0, "mu_c": 3.0, "mu_s": 4.0, "v_s": 5e-3}
+TRIALS = [{"duration": 1.0, "force": "5*sin(2*pi*t)"}, {"duration": 1.0, "force": "8*sin(3*pi*t)"}]
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return GaussianNoise(0.02)(simulate_recording(SYSTEMS["drive"](M=1.0), "lugre", TRUTH, TRIALS, 200.0), 0)
+
+
+@pytest.fixture(scope="module")
+def made(recording) -> Bench:
+    declared = Mechanism(SYSTEMS["drive"](M=1.0), LAWS["lugre"]())
+    tested = Mechanism(declared.system, declared.law, ("constant_force",))
+    return Bench(declared, tested, tested, recording, recording.select(()))
+
+
+def leaving(*series: dict[str, np.ndarray]) -> Fit:
+    """A fit with these residuals of each trial."""
+    state = SimpleNamespace(pieces=[SimpleNamespace(residuals=r) for r in series])
+    return Fit((), {}, (), state, {})
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_white_noise_of_any_size_is_explained_with_or_without_outliers(seed):
+    rng = np.random.default_rng(seed)
+    trials = [{"x": 1e-3 * rng.standard_normal(800), "v": 7.0 * rng.standard_normal(800)} for _ in range(5)]
+    assert leaving(*trials).explains
+    for trial in trials:
+        trial["x"][rng.integers(0, 800, 8)] *= 20
+        trial["v"][5] = np.nan
+    assert leaving(*trials).explains
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_wave_far_below_the_noise_is_not_explained(seed):
+    rng = np.random.default_rng(seed)
+    wave = 0.25 * np.sin(np.arange(800) / 25.0 + seed)  # 3 % of the noise's variance
+    trials = [{"x": rng.standard_normal(800) + wave, "v": rng.standard_normal(800)} for _ in range(5)]
+    assert not leaving(*trials).explains
+    assert leaving(*({"v": trial["v"]} for trial in trials)).explains
+
+
+def test_a_fit_without_residuals_leaves_nothing():
+    assert leaving({"x": np.zeros(100)}).correlation == 0.0
+
+
+def test_the_declared_model_explains_its_own_recording(made):
+    assert made.base().explains
+
+
+def test_static_friction_that_vanished_starts_anew_within_the_bounds(recording):
+    problem = Problem(Mechanism(SYSTEMS["drive"](M=1.0), LAWS["lugre"]()), recording)
+    at = problem.space.names.index("v_s")
+    low, high = problem.space.low[at], problem.space.high[at]
+    starts = peaked(problem, TRUTH | {"mu_s": TRUTH["mu_c"]})
+    assert len({s["v_s"] for s in starts}) == len(starts) > 1
+    assert all(low < s["v_s"] < high and s["mu_s"] > 1.5 * s["mu_c"] for s in starts)
+    assert all(s["sigma_0"] == TRUTH["sigma_0"] for s in starts)
+    assert peaked(problem, TRUTH | {"v_s": low}) and peaked(problem, TRUTH) == []
+
+
+def test_nothing_starts_anew_where_the_law_has_no_static_friction(recording):
+    problem = Problem(Mechanism(SYSTEMS["drive"](M=1.0), LAWS["coulomb"]()), recording)
+    assert peaked(problem, {"mu_c": 3.0}) == []
+
+
+def test_friction_that_vanished_is_brought_back_as_a_share_of_the_force(made):
+    assert lifted(made.problem, made.sizes, TRUTH) is None
+    back = lifted(made.problem, made.sizes, TRUTH | {"sigma_2": 1e-9})
+    assert back["sigma_2"] > 0.1 and back["mu_c"] == TRUTH["mu_c"]
+
+
+def test_a_refit_finds_a_constant_force_of_nothing_where_there_is_none(made):
+    fit = made.base()
+    found = made.refit(fit, (*fit.names, "constant_force"), fit.values | {"constant_force": 0.3})
+    assert abs(found.values["constant_force"]) < 0.05
+    assert found.state.cost < fit.state.cost + 0.1 and found.explains
+
+
+def test_a_refit_ends_where_it_stands_once_it_takes_more_steps_than_any_model_should(made, monkeypatch):
+    fit = made.base()
+    monkeypatch.setattr(benches, "LONGEST", 0.0)
+    found = made.refit(fit, (*fit.names, "constant_force"), fit.values | {"constant_force": 0.3})
+    assert found.values["constant_force"] == pytest.approx(0.3) and not found.explains
+
+
+def test_effects_of_the_bench_are_neutral_at_the_start(made):
+    (par,) = EFFECTS["constant_force"]().parameters
+    assert made.base().values["constant_force"] == par.neutral
