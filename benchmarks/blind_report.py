@@ -21,7 +21,8 @@ def report(cases: list[dict], power: bool = False) -> None:
     kinds = list(dict.fromkeys(c["kind"] for c in cases))
     lines = [
         f"{COMMAND}: {len(cases)} blind recordings, the pendulum on a box, 5 % noise on all signals,",
-        "sizes 3 to 5 % of the friction force",
+        "sizes 3 to 5 % of the friction force; thresholds were compared on seed 0, these are seeds "
+        + _ranges({c["seed"] for c in cases}),
         "",
         f"{'truth':34s} {'right':>9s} {'inside 95 %':>12s} {'after/floor':>12s} {'s':>6s}  answers",
     ]
@@ -47,10 +48,22 @@ def report(cases: list[dict], power: bool = False) -> None:
         f"false alarms {alarms} of {len(clean)}; named effects right {sum(map(right, named))} of {len(named)}; "
         f"a name given to what has none {len(wrong)} of {nameless}",
     ]
+    took = [c["diagnosis_s"] for c in cases if "diagnosis_s" in c]
+    inside = [v for c in named if right(c) for v in c.get("inside", {}).values()]
+    lines += [
+        f"intervals that hold the truth {sum(inside)} of {len(inside)}; "
+        f"time of a diagnosis: median {np.median(took):.0f} s, nine of ten below {np.quantile(took, 0.9):.0f} s, "
+        f"longest {max(took):.0f} s",
+    ]
     text = "\n".join(lines) + "\n"
     (RESULTS / "blind.txt").write_text(text)
     print(text)
     _figure(cases, kinds)
+
+
+def _ranges(seeds: set[int]) -> str:
+    low, high = min(seeds), max(seeds)
+    return f"{low} to {high}" if seeds == set(range(low, high + 1)) else ", ".join(map(str, sorted(seeds)))
 
 
 def _answer(case: dict) -> str:
