@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from ..data.recording import Recording
+from ..identify.explore import explore
 from ..identify.likelihood import find_start, maximum_likelihood
 from ..identify.linear import Rows, linearise, weighted
 from ..identify.problem import Problem, in_parallel
 from ..identify.result import FAILED
-from ..identify.solve import levenberg_marquardt
+from ..identify.solve import Evaluate, levenberg_marquardt
 from ..identify.space import Space
 from ..identify.start import default_bounds
 from ..identify.trial import TrialModel
@@ -158,20 +159,35 @@ class Bench:
         """Estimate ``names`` anew from these values and the fit's unknowns of the trials; None where that fails."""
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
         problem = self._problem(self.problem, names, values, limits, fit.models[0].simulator)
-        u = problem.space.to_search(np.array([values[name] for name in problem.names]))
+        evaluate = self._evaluator(problem, fit.models, sigmas)
+        first = evaluate(problem.space.to_search(np.array([values[name] for name in problem.names])), fit.locals, True)
+        if first is None:
+            return None
+        found = levenberg_marquardt(evaluate, first, problem.space.limits, **REFIT)
+        return Fit(problem.names, problem.values(found.state.u), fit.models, found.state, sigmas)
 
+    def settle(self, fit: Fit) -> Fit:
+        """The lowest minimum around a fit, and the others that it found: see :func:`explore`."""
+        problem = self._problem(self.problem, fit.names, fit.values, None, fit.models[0].simulator)
+        evaluate = self._evaluator(problem, fit.models, fit.sigmas)
+        u = problem.space.to_search(np.array([fit.values[name] for name in problem.names]))
+        first = evaluate(u, fit.locals, True)
+        if first is None:
+            return fit
+        limits = problem.space.limits
+        minima = explore(evaluate, levenberg_marquardt(evaluate, first, limits), limits)
+        best = minima[0].state
+        return Fit(problem.names, problem.values(best.u), fit.models, best, fit.sigmas, tuple(minima))
+
+    def _evaluator(self, problem: Problem, models: Sequence[TrialModel], sigmas: Mapping[str, float]) -> Evaluate:
         last = problem.simulator.steps_taken + LONGEST * self.usual_steps
 
         def evaluate(u, locals_, derivatives, **options):
             if problem.simulator.steps_taken > last:
                 return None  # a shape that makes the equations so stiff is no candidate
-            return problem.evaluate(fit.models, u, locals_, derivatives, sigmas=sigmas, **options)
+            return problem.evaluate(models, u, locals_, derivatives, sigmas=sigmas, **options)
 
-        first = evaluate(u, fit.locals, True)
-        if first is None:
-            return None
-        found = levenberg_marquardt(evaluate, first, problem.space.limits, **REFIT)
-        return Fit(problem.names, problem.values(found.state.u), fit.models, found.state, sigmas)
+        return evaluate
 
     def clip(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values moved inside the physical limits of their parameters."""

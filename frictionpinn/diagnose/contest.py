@@ -23,6 +23,7 @@ ASTRAY = 300.0  # statistic from which the fit is taken to be in a wrong minimum
 WORTH = 0.5, 0.25  # of the best statistic: candidates with less are not refitted; where the fit is astray
 DECISIVE = 2.0  # log-likelihood of the held-out trials by which one of several rivals wins
 RIVAL = 6.0  # log-likelihood: candidates whose fits differ by less are not told apart
+PROMISING = 0.5  # of the cost beyond noise: contenders that take off less are not the first to search anew
 DEEP = 3  # contenders that are searched anew where no refit explains the residual
 NEAR = 50.0  # log-likelihood: rivals that are searched anew too, should the winner prove to be in a wrong minimum
 
@@ -120,16 +121,8 @@ def _refitted(bench: Bench, before: Fit, classes: list[list[Tested]], others: Se
         # Beside a fit that leaves nothing but noise a candidate has to be as good from where it stands.
         found = add(bench, before, group[0], thorough=not _explained(fits))
         fits += [(group[0], found)] if found is not None else []
-    if bench.mechanism.memory and not _explained(fits):
-        # Wrong minima: the best is searched anew first, then whatever was left out is tried, then the next best.
-        searched: set[int] = set()
-        fits = _searched(bench, fits, 1, searched)
-        if not _explained(fits):
-            _try_others(bench, before, classes, fits, others)
-        if fits and not _explained(fits):
-            best = min(penalised(fit) for _, fit in fits)
-            reach_ = best + max(NEAR, 0.1 * (before.state.cost - best))
-            fits = _searched(bench, fits, min(DEEP, sum(penalised(f) < reach_ for _, f in fits)), searched)
+    if bench.mechanism.memory and fits and not _explained(fits):
+        fits = _out_of_wrong_minima(bench, before, classes, fits, others)
     fits.sort(key=lambda pair: penalised(pair[1]))
     for tested, fit in fits:
         gain = before.state.cost - fit.state.cost
@@ -141,14 +134,35 @@ def _explained(fits: Sequence[Contender]) -> bool:
     return any(fit.explains for _, fit in fits)
 
 
-def _searched(bench: Bench, fits: Sequence[Contender], most: int, searched: set[int]) -> list[Contender]:
-    """The fits, the best first, with the first of them searched anew, each once, until one explains the residual."""
-    fits = sorted(fits, key=lambda pair: penalised(pair[1]))
-    for k, (tested, fit) in enumerate(fits[:most]):
-        if id(tested) not in searched and not _explained(fits):
-            searched.add(id(tested))
-            fits[k] = (tested, bench.search(fit) or fit)
+def _out_of_wrong_minima(
+    bench: Bench, before: Fit, classes: list[list[Tested]], fits: list[Contender], others: Sequence[Tested]
+) -> list[Contender]:
+    """The fits and more of them, until one explains the residual.
+
+    The best contenders are searched anew; and all other candidates are tried, before that where the contenders
+    explain little.
+    """
+    best = min(fit.state.cost for _, fit in fits)
+    promising = before.state.cost - best > PROMISING * (before.state.cost - 0.5 * before.count)
+    if not promising:
+        _try_others(bench, before, classes, fits, others)
+    fits = _searched(bench, before, fits)
+    if promising and not _explained(fits):
+        _try_others(bench, before, classes, fits, others)
     return fits
+
+
+def _searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Contender]:
+    """The fits, those searched anew that come near the best: all of them, since one in a wrong minimum may be right."""
+    fits = sorted(fits, key=lambda pair: penalised(pair[1]))
+    best = penalised(fits[0][1])
+    reach_ = best + max(NEAR, 0.1 * (before.state.cost - fits[0][1].state.cost))
+    return [
+        (tested, bench.search(fit) or fit)
+        if k < DEEP and penalised(fit) < reach_ and not fit.explains
+        else (tested, fit)
+        for k, (tested, fit) in enumerate(fits)
+    ]
 
 
 def _try_others(
@@ -212,8 +226,7 @@ def contenders(significant: Sequence[Tested]) -> list[list[Tested]]:
 
 def penalised(fit: Fit) -> float:
     """Cost and half a unit of log-likelihood times log n for every parameter (Bayesian information criterion)."""
-    count = sum(len(model.t) * len(model.outputs) for model in fit.models)
-    return fit.state.cost + 0.5 * len(fit.names) * np.log(count)
+    return fit.state.cost + 0.5 * len(fit.names) * np.log(fit.count)
 
 
 def add(bench: Bench, fit: Fit, tested: Tested, thorough: bool = True) -> Fit | None:

@@ -220,9 +220,10 @@ def _reasons(
 
 
 def _intervals(bench: Bench, fit: Fit, scanned: Scanned) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
-    """Estimates and 95 % intervals from the curvature of the likelihood, the noise's colour counted."""
+    """Estimates and 95 % intervals from the likelihood's curvature, its other minima and the noise's colour counted."""
     normal = scanned.known
     errors = np.sqrt(np.maximum(normal.covariance.diagonal(), 0.0))
+    wider = dict(zip(fit.names, fit.widening, strict=True))
     table = {par.name: par for par in bench.tested.parameters}
     values = {name: fit.values[name] for name in fit.names}
     ci95 = {}
@@ -232,6 +233,6 @@ def _intervals(bench: Bench, fit: Fit, scanned: Scanned) -> tuple[dict[str, floa
             continue
         par = table[name]
         ci95[name] = interval(
-            values[name], float(errors[normal.names.index(name)]), par.low >= 0 and par.neutral is None
+            values[name], wider[name] * float(errors[normal.names.index(name)]), par.low >= 0 and par.neutral is None
         )
     return values, ci95

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..identify.solve import State
+from ..identify.advice import invert
+from ..identify.explore import information_of
+from ..identify.solve import Solution, State, reduced
 from ..identify.trial import TrialModel
 
 SPANS = 5, 20, 60  # samples over which autocorrelations are summed: what a model lacks is slower than that
@@ -25,6 +27,7 @@ class Fit:
         models: of the trials.
         state: unknowns and cost.
         sigmas: noise levels that weighted the residuals.
+        minima: of the likelihood around it, where they were looked for, best first.
     """
 
     names: tuple[str, ...]
@@ -32,11 +35,28 @@ class Fit:
     models: tuple[TrialModel, ...]
     state: State
     sigmas: dict[str, float]
+    minima: tuple[Solution, ...] = ()
 
     @property
     def locals(self) -> tuple[np.ndarray, ...]:
         """Unknowns of each trial."""
         return self.state.locals
+
+    @property
+    def widening(self) -> np.ndarray:
+        """Standard errors with all minima around the fit counted, over those of its curvature, in the order of names.
+
+        At least 1, and 1 where one minimum was found.
+        """
+        if len(self.minima) < 2:
+            return np.ones(len(self.names))
+        several, one = (invert(S).diagonal() for S in (information_of(self.minima), reduced(self.minima[0].state)[0]))
+        return np.sqrt(np.maximum(several / np.maximum(one, 1e-300), 1.0))
+
+    @property
+    def count(self) -> int:
+        """Samples of all signals."""
+        return sum(len(model.t) * len(model.outputs) for model in self.models)
 
     @property
     def correlation(self) -> float:

@@ -81,6 +81,8 @@ def select(
             break
         selection.accepted.append(accepted)
         _rescan(bench, selection, options, remainders, places)
+        if bench.mechanism.memory and _settle(bench, selection):
+            _rescan(bench, selection, options, remainders, places)
         if bench.mechanism.memory and _doubtful(bench, selection, options, settings) and _deepen(bench, selection):
             _rescan(bench, selection, options, remainders, places)
         if _drop(bench, selection, settings):
@@ -154,6 +156,13 @@ def _deepen(bench: Bench, selection: Selection) -> bool:
     return changed
 
 
+def _settle(bench: Bench, selection: Selection) -> bool:
+    """Look for a lower minimum around the last model, says whether there is one: a bristle's likelihood is rugged."""
+    cost = selection.fit.state.cost
+    selection.fit = bench.settle(selection.fit)
+    return selection.fit.state.cost < cost - SETTLED
+
+
 def _drop(bench: Bench, selection: Selection, settings: Settings) -> bool:
     """Take out effects without which the fit is as good from where it is now.
 
@@ -189,4 +198,4 @@ def _reweighted(bench: Bench, fit: Fit, scanned: Scanned) -> Fit:
         a = noise.coefficients.get(name, np.zeros(0))
         sigmas[name] = sigma if len(a) else sigma * noise.scale.get(name, 1.0)
     found = bench.refit(fit, fit.names, fit.values, sigmas)
-    return found or fit
+    return fit if found is None else replace(found, minima=fit.minima)
