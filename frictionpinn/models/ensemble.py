@@ -22,7 +22,7 @@ from .network_gradient import Pass, rows
 from .optimizers import build_optimizer
 from .parameter_estimator import ParameterEstimator
 
-_ALONE = ("adam_plateau", "adam_lbfgs")  # their steps depend on the loss of one training
+ALONE = ("adam_plateau", "adam_lbfgs")  # their steps depend on the loss of one training
 
 
 class FrictionEnsemble(FrictionModel):
@@ -46,7 +46,7 @@ class FrictionEnsemble(FrictionModel):
         L.LightningModule.__init__(self)  # the networks are the members'
         first = members[0]
         name = first.optimizer_config["name"]
-        if name in _ALONE:
+        if name in ALONE:
             raise UserError(
                 "an optimizer that follows a single loss cannot train an ensemble",
                 where="optimizer",

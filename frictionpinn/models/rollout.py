@@ -27,7 +27,7 @@ SKIP = 8  # samples after a start, whose velocity is known to the noise
 SLIDES = 15.0  # times the velocity's noise; slower samples may rest
 SHIFT = 0.25  # of a black box, in units of the root mean square velocity
 RIDGE = 2e-5  # penalty of its weights over their mean curvature
-_SPAN, _EVALUATIONS = 4.0, 25  # natural logarithms to either side of a start; of the least squares
+_SPAN, _EVALUATIONS = 4.0, 100  # natural logarithms to either side of a start; of the least squares
 _GRID = (4001, 40)
 _FAR = 50.0  # a residual that diverged
 

@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 from ..workflow.build import Config
 from ..workflow.estimate import CONFIG
 from .draw import ablation_figure
-from .runs import Run, by_seed, each, finish
+from .runs import Run, by_seed, finish_all
 
 
 def presets() -> dict[str, tuple[str, list[str]]]:
@@ -36,20 +36,31 @@ def run(options: Config, root: Path, results: Path, jobs: int) -> dict[str, Any]
             for seed in cfg["seeds"]:
                 keys.append((name, level, seed))
                 overrides = (f"model={model}", f"seed={seed}", f"{key}={level}", *cfg["train"])
-                runs.append(Run(root / "ablation" / f"{name}_{place}_{model}_{seed}", overrides))
-    finished = dict(zip(keys, each(finish, runs, jobs), strict=True))
+                simulated = ((f"seeds=[{seed}]", *cfg["evaluate"]),) if name in cfg["simulated"] else ()
+                runs.append(Run(root / "ablation" / f"{name}_{place}_{model}_{seed}", overrides, simulated))
+    finished = dict(zip(keys, finish_all(runs, jobs), strict=True))
     table = {}
     for name, (key, levels) in presets().items():
         rows = {}
         for level in levels:
             trained = {seed: finished[name, level, seed][0] for seed in cfg["seeds"]}
+            evaluated = {seed: finished[name, level, seed][1] for seed in cfg["seeds"]}
             mse = {seed: result["force_error"]["model"]["mse"] for seed, result in trained.items()}
             seconds = {seed: result["training"]["seconds"]["training"] for seed, result in trained.items()}
             rows[level] = {"online": by_seed(mse), "seconds": by_seed(seconds)}
+            if name in cfg["simulated"]:
+                rows[level]["in_simulation"] = by_seed({seed: _simulated(one) for seed, (one,) in evaluated.items()})
         table[name] = {"key": key, "model": cfg["models"].get(name, cfg["models"]["others"]), "levels": rows}
     found = {"unit": "N^2", "default": _defaults(table), "ablations": table}
     ablation_figure(found).savefig(results / "ablation.png", dpi=120)
     return found
+
+
+def _simulated(evaluation: Config) -> float | None:
+    """Mean error over the trajectories, the model inside the equation of motion; None where one failed."""
+    errors = [methods["model"]["in_simulation"].get("force_mse", {}).get("value")
+              for methods in evaluation["errors"].values()]  # fmt: skip
+    return None if None in errors else sum(errors) / len(errors)
 
 
 def _defaults(table: dict[str, Any]) -> dict[str, str]:
@@ -74,4 +85,4 @@ def _same(level: str, value: str) -> bool:
     try:
         return float(level) == float(value)
     except ValueError:
-        return level.replace(" ", "") == value
+        return level.replace(" ", "").lower() == value.lower()

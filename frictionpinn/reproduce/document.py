@@ -167,8 +167,9 @@ def ablation(result: Result, folder: str) -> list[str]:
     for name, entry in result["ablations"].items():
         for level, cell in entry["levels"].items():
             default = "default" if level == result["default"][name] else ""
-            body.append([name, entry["model"].upper(), f"`{entry['key']}={level}`", spread(cell["online"]), default])
-    heads = ["ablation", "model", "level", "online error on the held-out swing, N²", ""]
+            errors = [spread(cell.get(kind)) for kind in KINDS]
+            body.append([name, entry["model"].upper(), f"`{entry['key']}={level}`", *errors, default])
+    heads = ["ablation", "model", "level", "online, the held-out swing, N²", "in simulation, Traj. 1 and 2, N²", ""]
     return [*lines, grid(heads, body), f"![what each choice buys]({folder}/ablation.png)\n"]
 
 

@@ -84,7 +84,7 @@ def transfer_figure(found: Mapping[str, Any]) -> Figure:
 
 
 def ablation_figure(found: Mapping[str, Any]) -> Figure:
-    """Online error over the levels of every ablation; the default level is filled."""
+    """Error over the levels of every ablation, online or, where that was measured, in simulation."""
     tables = found["ablations"]
     columns = 4
     count = -(-len(tables) // columns)
@@ -94,8 +94,9 @@ def ablation_figure(found: Mapping[str, Any]) -> Figure:
         axis.set_axis_off()
     for axis, (name, entry) in zip(axes, tables.items(), strict=False):
         levels = list(entry["levels"])
+        kind = next(key for key in reversed(KINDS) if key in entry["levels"][levels[0]])
         for place, level in enumerate(levels):
-            cell = entry["levels"][level]["online"]
+            cell = entry["levels"][level][kind]
             values = list(cell["by_seed"].values())
             default = level == found["default"][name] or (found["default"][name] == "all" and place == len(levels) - 1)
             axis.plot([place] * len(values), values, ".", color=INK["baseline"], ms=5, zorder=2)
@@ -109,16 +110,17 @@ def ablation_figure(found: Mapping[str, Any]) -> Figure:
                 ha="center",
                 fontsize=8,
             )
-        axis.plot(
-            range(len(levels)), [entry["levels"][lv]["online"]["value"] for lv in levels], color=INK["model"], lw=0.9
-        )
+        axis.plot(range(len(levels)), [entry["levels"][lv][kind]["value"] for lv in levels], color=INK["model"], lw=0.9)
         axis.set_xticks(range(len(levels)), [short(level) for level in levels], fontsize=8)
-        axis.set(title=f"{name} ({entry['model'].upper()})", yscale="log")
+        where = "" if kind == "online" else ", in simulation"
+        axis.set(title=f"{name} ({entry['model'].upper()}){where}", yscale="log")
         axis.margins(x=0.15, y=0.2)
         axis.spines[["top", "right"]].set_visible(False)
     for axis in axes[::columns]:
-        axis.set_ylabel(f"online error ({readable(found['unit'])})")
-    figure.suptitle("What each choice buys: online force error on the held-out swing, the default filled")
+        axis.set_ylabel(f"error ({readable(found['unit'])})")
+    figure.suptitle(
+        "What each choice buys: force error, online on the held-out swing unless said; the default is filled"
+    )
     return figure
 
 

@@ -11,7 +11,7 @@ from ..physics.mechanism import Mechanism
 from ..workflow.build import Config, build_recording, build_system
 from ..workflow.estimate import default_config, estimate
 from .fidelity import KINDS
-from .runs import Run, each, finish, training
+from .runs import Run, finish_all, training
 
 CASES = {  # believed by the model, obeyed by the data
     "lagrange": ("lagrange", "lagrange"),
@@ -25,7 +25,7 @@ def run(options: Config, root: Path, results: Path, jobs: int) -> dict[str, Any]
     cfg = options["equations"]
     seed = int(cfg["seed"])
     keys = [(case, model) for case in CASES for model in cfg["models"]]
-    finished = dict(zip(keys, each(finish, [_run(cfg, root, *key, seed) for key in keys], jobs), strict=True))
+    finished = dict(zip(keys, finish_all([_run(cfg, root, *key, seed) for key in keys], jobs), strict=True))
     errors: dict[str, Any] = {}
     for (case, model), (_, evaluated) in finished.items():
         for trajectory, methods in evaluated[0]["errors"].items():

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..workflow.build import Config
 from .draw import errors_figure
-from .runs import Run, by_seed, each, finish, training
+from .runs import Run, by_seed, finish_all, training
 
 KINDS = ("online", "in_simulation")
 ONCE = ("identify=false", "simulators=[]")  # yardsticks that are the same for every model, beside the first alone
@@ -31,7 +31,7 @@ def runs(options: Config, root: Path) -> dict[tuple[str, int], Run]:
 def run(options: Config, root: Path, results: Path, jobs: int) -> dict[str, Any]:
     """Train and evaluate; copy the figures that the document shows."""
     made = runs(options, root)
-    finished = dict(zip(made, each(finish, made.values(), jobs), strict=True))
+    finished = dict(zip(made, finish_all(made.values(), jobs), strict=True))
     evaluations = {key: evaluated[0] for key, (_, evaluated) in finished.items()}
     shown = options["fidelity"]["shown"]
     first = options["fidelity"]["seeds"][0]

@@ -70,5 +70,6 @@ belongs to a sigma_0 a hundred times smaller than the printed one.
 
 ABLATION = """One choice changed at a time, everything else at its default: the presets
 `conf/experiment/ablation_*.yaml`, which `python train.py -m experiment=ablation_noise` (inputs, window, lambda,
-noise, trials, rate, activation, smoothing) runs by itself.
+noise, trials, rate, activation, smoothing, rollout) runs by itself. Rollout, the fit in motion, is for simulation
+alone: its runs are evaluated there, and the figure shows that.
 """

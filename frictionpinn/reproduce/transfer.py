@@ -9,7 +9,7 @@ from typing import Any
 from ..workflow.build import Config
 from .draw import transfer_figure
 from .fidelity import KINDS
-from .runs import Run, by_seed, each, finish, training
+from .runs import Run, by_seed, finish_all, training
 
 
 def run(options: Config, root: Path, results: Path, jobs: int) -> dict[str, Any]:
@@ -17,7 +17,7 @@ def run(options: Config, root: Path, results: Path, jobs: int) -> dict[str, Any]
     cfg = options["transfer"]
     keys = list(itertools.product(cfg["systems"], cfg["models"], cfg["seeds"]))
     made = [_run(cfg, root, *key) for key in keys]
-    finished = dict(zip(keys, each(finish, made, jobs), strict=True))
+    finished = dict(zip(keys, finish_all(made, jobs), strict=True))
     matrix: dict[str, Any] = {}
     yardsticks: dict[str, Any] = {}
     for model, train, test, kind in itertools.product(cfg["models"], cfg["systems"], cfg["systems"], KINDS):

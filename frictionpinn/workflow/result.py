@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +31,16 @@ GRID = 61  # values of velocity and of normal force in the figure of characteris
 PACKAGES = ("torch", "lightning", "hydra-core", "numpy", "scipy", "sympy", "numba")
 
 
-def report(cfg: Config, folder: Path, system: System, data: TrajectoryData, model: FrictionModel, trainer, seconds):
-    """Score the model and the Coulomb + viscous fit on the held-out trials, draw the figures, return the result."""
+def report(
+    cfg: Config, folder: Path, system: System, data: TrajectoryData, model: FrictionModel, training: Config,
+    loggers: Sequence[Any] = (), step: int = 0,
+) -> dict[str, Any]:  # fmt: skip
+    """Score the model and the Coulomb + viscous fit on the held-out trials, draw the figures, return the result.
+
+    Args:
+        training: epochs, device and seconds of the training.
+        loggers, step: of the training; they show the figures too.
+    """
     held_out = data.select("held_out")
     scored = held_out or data.select("train")
     baseline = CoulombViscousFit(data.select("train"))
@@ -64,10 +72,9 @@ def report(cfg: Config, folder: Path, system: System, data: TrajectoryData, mode
             **errors,
         },
         "training": {
-            "epochs": int(trainer.current_epoch),
-            "seconds": {key: round(value, 3) for key, value in seconds.items()},
+            **training,
+            "seconds": {key: round(value, 3) for key, value in training["seconds"].items()},
             "seed": cfg["seed"],
-            "device": str(trainer.strategy.root_device),
             "loss": losses,
         },
         "versions": versions(),
@@ -77,9 +84,9 @@ def report(cfg: Config, folder: Path, system: System, data: TrajectoryData, mode
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     for key, figure in drawn.items():
         figure.savefig(folder / "figures" / f"{key}.png", dpi=120)
-    show_figures(trainer.loggers, drawn, trainer.global_step)
-    show_hyper_parameters(trainer.loggers, cfg, folder, result, trainer.global_step)
-    for logger in trainer.loggers:
+    show_figures(loggers, drawn, step)
+    show_hyper_parameters(loggers, cfg, folder, result, step)
+    for logger in loggers:
         logger.experiment.close()  # its thread would go on writing to the run's folder
     return result
 

@@ -93,7 +93,8 @@ def _train(cfg: Config, folder: Path) -> dict[str, Any]:
     use_best(model, trainer)
     model.eval()
     seconds["total"] = time.perf_counter() - begin
-    result = report(cfg, folder, system, data, model, trainer, seconds)
+    told = {"epochs": int(trainer.current_epoch), "device": str(trainer.strategy.root_device), "seconds": seconds}
+    result = report(cfg, folder, system, data, model, told, trainer.loggers, trainer.global_step)
     if cfg.get("refine"):
         result["refined"] = refine(cfg, system, data, model)
     if cfg.get("rollout"):
