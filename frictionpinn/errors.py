@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 from collections.abc import Iterable
 
 
@@ -29,6 +30,22 @@ class UserError(ValueError):
         head = f"{what}: {place}" if place else what
         tail = [f"allowed: {allowed}" if allowed else "", fix]
         super().__init__(" ".join("; ".join([head, *filter(None, tail)]).split()))
+
+
+# Errors of a disk, which the user can mend; others of the system are shown whole.
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EFBIG, errno.EIO, errno.ENOTDIR)
+
+
+def unwritable(error: OSError, place: object, fix: str) -> UserError:
+    """The user's error behind an error of the disk.
+
+    Raises:
+        OSError: the error itself, where it is none of the disk.
+    """
+    if error.errno not in DISK:
+        raise error
+    where = str(error.filename or place)
+    return UserError("cannot write", where=where, received=error.strerror or str(error), fix=fix)
 
 
 def nearest(name: object, valid: Iterable[str]) -> str:

@@ -10,6 +10,14 @@ from ..errors import UserError, nearest
 from ..physics.mechanism import Mechanism
 
 
+def finite(value: object) -> bool:
+    """Whether a value is a finite number."""
+    try:
+        return bool(np.ndim(value) == 0 and np.isfinite(float(value)))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return False
+
+
 def check_sensors(mechanism: Mechanism) -> None:
     """Raise :class:`UserError` where an effect changes what sensors show."""
     if mechanism.delays or dict(mechanism.outputs) != dict(mechanism.predictions):
@@ -30,11 +38,14 @@ def parameter_vector(mechanism: Mechanism, names: Sequence[str], given: Mapping[
             raise UserError(
                 "unknown parameter", where=f"parameters.{name}", allowed=", ".join(names), fix=nearest(name, names)
             )
-    values = known | dict(given)
+    values, ranges = known | dict(given), {par.name: par for par in mechanism.parameters}
     for name in names:
-        value = values[name]
-        if value is None or not np.isfinite(value):
+        value, par = values[name], ranges[name]
+        if not finite(value):
             raise UserError("parameter without a finite value", where=f"parameters.{name}", received=value)
+        if not par.low <= float(value) <= par.high:  # type: ignore[arg-type]
+            raise UserError("parameter out of its physical range", where=f"parameters.{name}", received=value,
+                            allowed=f"{par.low:g} to {par.high:g} {par.unit}")  # fmt: skip
     return np.array([float(values[name]) for name in names])  # type: ignore[arg-type]
 
 
@@ -45,7 +56,7 @@ def check_adapt(adapt: Mapping[str, float], names: Sequence[str], p: np.ndarray,
             raise UserError(
                 "unknown parameter", where=f"adapt.{name}", allowed=", ".join(names), fix=nearest(name, names)
             )
-        if not (np.isfinite(rate) and rate >= 0) or p[list(names).index(name)] <= 0:
+        if not (finite(rate) and rate >= 0) or p[list(names).index(name)] <= 0:
             raise UserError(
                 "parameter that cannot adapt", where=f"adapt.{name}", received=rate, allowed="a rate of 0 or above "
                 "for a parameter above 0",

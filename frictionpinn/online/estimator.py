@@ -14,7 +14,7 @@ from ..numerics.bristle import resting_states, steady_bristle
 from ..numerics.codegen import Kernels, pointer
 from ..numerics.tableau import METHOD
 from ..physics.mechanism import Mechanism
-from .check import check_adapt, check_sensors, parameter_vector
+from .check import check_adapt, check_sensors, finite, parameter_vector
 from .tuning import Tuning, tune
 
 Z95 = 1.959964
@@ -207,13 +207,14 @@ class OnlineEstimator:
             signals: any of ``self.signals``, SI units; what is missing or NaN is taken as not measured.
 
         Raises:
-            UserError: a time that does not increase, or a signal that the estimator does not know.
+            UserError: a time that does not increase, a signal that the estimator does not know, a value that is no
+                number. The estimator stays as it was.
         """
         core, y = _recursions(), self._sample(signals)
+        if not finite(t):
+            raise UserError("not a finite time", where="t", received=repr(t), allowed="a number of seconds")
         if self._time is not None and not t > self._time:
             raise UserError("time does not increase", where="t", received=t, allowed=f"above {self._time} s")
-        if not np.isfinite(t):
-            raise UserError("not a finite time", where="t", received=t)
         last, status = self._time, 0
         if last is None or t - last > LONGEST * self.tuning.interval:
             self._time = float(t)
@@ -225,20 +226,22 @@ class OnlineEstimator:
         self._time = float(t)
         _, force, variance = core.correct(self._equations, self._X, self._P, y, self._R, self._rows, float(t))
         reach = Z95 * np.sqrt(variance + (INEXACT * force) ** 2)
-        return Reading(self._time, force, force - reach, force + reach, STATUS[status])
+        return Reading(self._time, force, float(force - reach), float(force + reach), STATUS[status])
 
     def _sample(self, signals: Mapping[str, float]) -> np.ndarray:
         y = np.full(len(self.signals), np.nan)
         for name, value in signals.items():
-            try:
-                y[self.signals.index(name)] = value
-            except ValueError:
+            if name not in self.signals:
                 raise UserError(
                     "signal that the estimator was not tuned for",
                     where=name,
                     allowed=", ".join(self.signals),
                     fix=nearest(name, self.signals),
-                ) from None
+                )
+            try:
+                y[self.signals.index(name)] = np.nan if value is None else float(value)
+            except (TypeError, ValueError):
+                raise UserError("not a number", where=name, received=repr(value), allowed="a number, or nan") from None
         return y
 
     def filter(self, trial: Trial) -> dict[str, np.ndarray]:

@@ -27,6 +27,7 @@ FACTORIAL = np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0])
 SINGULAR = 1e-13  # pivot over its diagonal element below which a variance counts as zero
 SURE = 2.0  # standard deviations of a velocity that count as motion
 DEGREE = 5  # of the inputs' polynomials
+WILD = 30.0  # standard deviations: the most by which a sample moves the state, however wild
 
 
 class Equations(NamedTuple):
@@ -230,7 +231,8 @@ def correct(eq, X, P, y, R, rows, now):
     innovation = y[used] - expected[:count][used]
     C = root(S)
     white, gain, own = whiten(C, innovation, D @ L.T, D @ force)
-    X += gain.T @ white
+    share = min(1.0, WILD * np.sqrt(used.shape[0]) / max(np.sqrt(white @ white), 1e-300))
+    X += share * (gain.T @ white)  # a reading that no noise explains moves the state, and not out of the world
     P -= gain.T @ gain
     for i in range(n):
         P[i, i] = max(P[i, i], 0.0)
@@ -238,7 +240,7 @@ def correct(eq, X, P, y, R, rows, now):
     for k in range(used.shape[0]):
         if C[k, k] > 0.0:
             loglik -= np.log(C[k, k]) + 0.5 * np.log(2 * np.pi)
-    return loglik, expected[count] + own @ white, max(force @ force - own @ own, 0.0)
+    return loglik, expected[count] + share * (own @ white), max(force @ force - own @ own, 0.0)
 
 
 @njit(**OPTIONS)

@@ -20,7 +20,7 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
-from ..errors import UserError, nearest
+from ..errors import UserError, nearest, unwritable
 from .manifest import check_free
 
 USER_ERROR = 2
@@ -42,7 +42,10 @@ def fail(error: BaseException) -> None:
 def collected(failures: list[BaseException]) -> Iterator[None]:
     """Print a user's error within and add it to ``failures``: in a sweep the other tasks go on."""
     try:
-        yield
+        try:
+            yield
+        except OSError as error:
+            raise unwritable(error, "the disk", "make room or allow it, then start again") from error
     except UserError as error:
         if full_error():
             raise

@@ -17,6 +17,7 @@ from typing import IO, Any
 from .manifest import MANIFEST, read_json, result_of, set_status, status_of
 
 log = logging.getLogger(__name__)
+UNWRITTEN = "nothing can be written to its folder; is the disk full?"
 
 
 class Worker:
@@ -111,7 +112,7 @@ def train_job(cfg: dict[str, Any], folder: str | Path) -> Outcome:
         set_status(folder, **status)
     label = describe(folder)
     if result is None:
-        return Outcome(None, f"{label}: {status.get('error', 'unknown')}")
+        return Outcome(None, f"{label}: {status.get('error', UNWRITTEN)}")
     error = result["force_error"]
     text = f"{error['model']['rmse']:.4g} {error['unit']['rmse']} rms"
     line = f"{label}: force error {text}, {time.perf_counter() - begin:.1f} s"

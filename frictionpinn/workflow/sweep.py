@@ -12,7 +12,7 @@ from filelock import FileLock, Timeout
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
-from ..errors import UserError
+from ..errors import UserError, unwritable
 from . import cli
 from .manifest import MANIFEST, STATUS, Job, digest, read_manifest, result_of, set_status, status_of, write_manifest
 from .summary import summarise_sweep
@@ -61,6 +61,9 @@ class Sweep:
             raise UserError(
                 "another process runs this sweep", where="hydra.sweep.dir", received=self.told, fix="wait for its end"
             ) from error
+        except OSError as error:
+            fix = f"make room or allow it, then python train.py resume={self.told}"
+            raise unwritable(error, self.told, fix) from error
         except KeyboardInterrupt:
             print(f"\nstopped; go on with: python train.py resume={self.told}", flush=True)
             raise

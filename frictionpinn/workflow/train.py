@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import errno
 import logging
 import sys
+import threading
 import time
 import warnings
 from pathlib import Path
@@ -18,7 +18,7 @@ from lightning.pytorch.callbacks import Callback, EarlyStopping
 from lightning.pytorch.loggers import TensorBoardLogger
 
 from ..data.module import TrajectoryData
-from ..errors import UserError
+from ..errors import DISK, UserError, unwritable
 from .build import Config, build_system, check_pairing, seed_of
 from .callbacks import Progress, Scalars, StopOnNaN
 from .checkpoints import Checkpoints, EveryFew, WholeFiles, bring_best, check_resumable, load_checkpoint, use_best
@@ -30,8 +30,6 @@ from .result import parameters, report, summarise
 from .rollout import check_rollout, rollout
 
 log = logging.getLogger(__name__)
-# Errors of a disk, which the user can mend; others of the system are shown whole.
-DISK = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EFBIG, errno.EIO, errno.ENOTDIR)
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # M_TRIM_THRESHOLD and M_MMAP_THRESHOLD of glibc's malloc.h
 
 
@@ -52,14 +50,8 @@ def train(cfg: Config, folder: Path) -> dict[str, Any]:
     try:
         return _train(cfg, folder)
     except OSError as error:
-        if error.errno not in DISK:
-            raise
-        raise UserError(
-            "cannot write",
-            where=str(error.filename or folder),
-            received=error.strerror or str(error),
-            fix="free or allow it, then go on from the last checkpoint: resume=" + str(folder),
-        ) from error
+        fix = f"free or allow it, then go on from the last checkpoint: resume={folder}"
+        raise unwritable(error, folder, fix) from error
 
 
 def _train(cfg: Config, folder: Path) -> dict[str, Any]:
@@ -126,6 +118,13 @@ def quiet() -> None:
         warnings.filterwarnings("ignore", text)
     warnings.filterwarnings("ignore", module="lightning.*")
     warnings.filterwarnings("ignore", module="torch.optim.lr_scheduler")
+    threading.excepthook = _hook
+
+
+def _hook(told: threading.ExceptHookArgs) -> None:
+    """TensorBoard's thread hands its error of the disk to the training, which ends with it in one line."""
+    if not isinstance(told.exc_value, OSError) or told.exc_value.errno not in DISK:
+        threading.__excepthook__(told)
 
 
 def keep_memory() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import os
@@ -26,11 +27,13 @@ def main() -> None:
     """Train every job that standard input names, until it closes."""
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what libraries print must not be taken for an answer
+    logging.raiseExceptions = False  # a log that cannot be written is no reason for a traceback
     jobs: SimpleQueue[str] = SimpleQueue()
     threading.Thread(target=_listen, args=(jobs,), daemon=True).start()
     while True:
         job = json.loads(jobs.get())
-        settle(job["config"], Path(job["folder"]))
+        with contextlib.suppress(OSError):  # not even its status can be written: who asked for the job says so
+            settle(job["config"], Path(job["folder"]))
         print("settled", file=answers, flush=True)
 
 

@@ -118,3 +118,8 @@ def test_the_program_reproduces_our_simulation_within_one_percent_of_the_force(e
     else:
         own = simulate_model(run.system, run.model, path, {}, 4).F
     assert run.force_error(force, own) < 0.01
+    for wrong in ("0,0,0\n0,0,0,0\n", "0,0,0,0\n0,0,x,0\n", "0,0,0,nan\n"):  # three columns, a word, no number
+        done = subprocess.run(
+            ["./simulate", kind], cwd=folder, input=wrong, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 2 and "of the input does not hold 4 finite numbers" in done.stderr

@@ -127,6 +127,19 @@ def test_loss_of_contact_is_told_and_survived():
     assert "contact lost" in told and "ok" in told
 
 
+@pytest.mark.parametrize("glitch", [1e12, -1e30, np.inf])
+def test_a_wild_reading_is_survived(glitch):
+    _, truth, _, noisy = case("pob")
+    estimator, trial = fitted("pob"), noisy.trials[0]
+    follower = OnlineEstimator(estimator.mechanism, truth, estimator.tuning, {"mu_c": 0.01}, estimator.share)
+    wild = {name: values.copy() for name, values in trial.signals.items()}
+    wild["v"][len(trial.t) // 2] = glitch
+    sound, found = (follower.filter(replace(trial, signals=signals)) for signals in (trial.signals, wild))
+    later = slice(len(trial.t) // 2 + 40, None)  # a tenth of a second
+    assert np.abs(found["mu_c"][later] / sound["mu_c"][later] - 1).max() < 0.02
+    assert np.abs(found["force"][later] - sound["force"][later]).max() < 0.1 * np.abs(sound["force"]).max()
+
+
 def test_a_surface_that_changes_is_followed_and_one_that_does_not_is_left_alone():
     estimator = fitted("pob")
     mechanism, truth, _, _ = case("pob")
@@ -146,7 +159,13 @@ def test_a_surface_that_changes_is_followed_and_one_that_does_not_is_left_alone(
     [
         (lambda e: e.update(0.0, {"thetta": 1.0}), "did you mean 'theta'"),
         (lambda e: (e.update(0.1, {}), e.update(0.1, {})), "time does not increase"),
+        (lambda e: (e.update(0.1, {}), e.update(0.05, {})), "allowed: above 0.1 s"),
         (lambda e: e.update(np.nan, {}), "not a finite time"),
+        (lambda e: e.update("now", {}), "not a finite time"),
+        (lambda e: e.update(0.0, {"theta": "high"}), "not a number: theta is 'high'"),
+        (lambda e: e.update(0.0, {"theta": np.ones(3)}), "not a number: theta is array"),
+        (lambda e: OnlineEstimator(e.mechanism, case("pob")[1] | {"mu_c": -1.0}, e.tuning), "mu_c is -1.0; allowed: 0"),
+        (lambda e: OnlineEstimator(e.mechanism, case("pob")[1], e.tuning, {"mu_c": "fast"}), "cannot adapt"),
         (lambda e: OnlineEstimator(e.mechanism, {}, e.tuning), "parameter without a finite value"),
         (lambda e: OnlineEstimator(e.mechanism, {"mu": 1.0}, e.tuning), "unknown parameter"),
         (lambda e: OnlineEstimator(e.mechanism, case("pob")[1], e.tuning, {"mu_k": 0.01}), "adapt.mu_k"),

@@ -130,6 +130,26 @@ def test_a_full_disk_is_one_line_and_the_last_checkpoint_stays_whole(command, sm
         assert command(small_disk, "resume=run").returncode == 0
 
 
+def test_a_sweep_on_a_full_disk_is_told_in_lines_without_a_traceback(command, small_disk):
+    fill = os.statvfs(small_disk).f_bavail * os.statvfs(small_disk).f_frsize - (300 << 10)
+    (small_disk / "ballast").write_bytes(b"0" * fill)
+    process = command(small_disk, "-m", "seed=0,1", *TINY, "model=bb1", "trainer.max_epochs=2", "hydra.sweep.dir=s")
+    assert process.returncode == 2
+    lines = process.stderr.splitlines()
+    assert len(lines) <= 3 and all(line.startswith("error: ") for line in lines), process.stderr
+    assert "resume=" in lines[-1]
+
+
+def test_what_evaluate_cannot_write_is_one_line(quick, tmp_path):
+    quick(tmp_path / "run", "model=bb1")
+    (tmp_path / "run" / "export").write_text("a file where the folder of the exports would be")
+    root = Path(__file__).resolve().parents[2]
+    command = [sys.executable, str(root / "evaluate.py"), f"run={tmp_path}/run", "export=c"]
+    process = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
+    (line,) = process.stderr.splitlines()
+    assert process.returncode == 2 and line.startswith("error: cannot write: ")
+
+
 def test_a_checkpoint_that_cannot_be_written_whole_leaves_the_one_before(tmp_path):
     io, path = WholeFiles(), tmp_path / "last.ckpt"
     io.save_checkpoint({"x": torch.zeros(10)}, path)

@@ -8,6 +8,7 @@
  * Every line of the output: t, $state, normal_force, friction_force. It starts at rest at 0. */
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "friction.h"
@@ -100,12 +101,20 @@ static double solve(simulation *s, double guess)
     return (low + high) / 2.0;
 }
 
+/* Reads the inputs of a line: 1, or 0 at the end of the input; a line that does not hold U finite numbers ends it all. */
 static int line(double *u)
 {
-    int i;
-    for (i = 0; i < U; i++)
-        if (scanf(i ? ",%lf" : "%lf", &u[i]) != 1)
+    static long count;
+    int i, got;
+    for (count++, i = 0; i < U; i++) {
+        got = scanf(i ? ",%lf" : " %lf", &u[i]);
+        if (got == EOF && i == 0)
             return 0;
+        if (got != 1 || !(u[i] - u[i] == 0.0)) {
+            fprintf(stderr, "line %ld of the input does not hold %d finite numbers with commas between\n", count, U);
+            exit(2);
+        }
+    }
     return 1;
 }
 
