@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from ..data.recording import Recording
-from ..identify.explore import explore
 from ..identify.likelihood import find_start, maximum_likelihood
 from ..identify.linear import Rows, linearise, weighted
 from ..identify.problem import Problem, in_parallel
@@ -167,17 +166,10 @@ class Bench:
         return Fit(problem.names, problem.values(found.state.u), fit.models, found.state, sigmas)
 
     def settle(self, fit: Fit) -> Fit:
-        """The lowest minimum around a fit, and the others that it found: see :func:`explore`."""
-        problem = self._problem(self.problem, fit.names, fit.values, None, fit.models[0].simulator)
-        evaluate = self._evaluator(problem, fit.models, fit.sigmas)
-        u = problem.space.to_search(np.array([fit.values[name] for name in problem.names]))
-        first = evaluate(u, fit.locals, True)
-        if first is None:
-            return fit
-        limits = problem.space.limits
-        minima = explore(evaluate, levenberg_marquardt(evaluate, first, limits), limits)
-        best = minima[0].state
-        return Fit(problem.names, problem.values(best.u), fit.models, best, fit.sigmas, tuple(minima))
+        """The lowest minimum that a search from all starts finds, at the noise that the fit's residuals show."""
+        fit = self.refit(fit, fit.names, fit.values, fit.levels(self.problem.loss)) or fit
+        found = self._anew(fit)
+        return fit if found is None or found.state.cost > fit.state.cost else found
 
     def _evaluator(self, problem: Problem, models: Sequence[TrialModel], sigmas: Mapping[str, float]) -> Evaluate:
         last = problem.simulator.steps_taken + LONGEST * self.usual_steps
@@ -218,7 +210,7 @@ class Bench:
             return None
         details = found.details
         values = problem.values(details["state"].u)
-        return Fit(problem.names, values, details["models"], details["state"], dict(fit.sigmas))
+        return Fit(problem.names, values, details["models"], details["state"], dict(fit.sigmas), details["minima"])
 
     def check(self, fit: Fit) -> Fit | None:
         """The held-out trials with the fit's parameters: only their own unknowns are estimated."""

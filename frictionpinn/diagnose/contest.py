@@ -169,8 +169,9 @@ def _try_others(
     bench: Bench, before: Fit, classes: list[list[Tested]], fits: list[Contender], others: Sequence[Tested]
 ) -> None:
     """Refit candidates outside the classes, each as a class of its own, until one explains the residual."""
+    known = [group[0].trace for group in classes]
     for tested in others:
-        if any(abs(float(group[0].trace @ tested.trace)) >= ALIKE for group in classes):
+        if any(abs(float(trace @ tested.trace)) >= ALIKE for trace in known):
             continue
         found = add(bench, before, tested, thorough=False)
         classes.append([tested])

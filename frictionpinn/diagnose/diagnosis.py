@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..data.recording import Recording
+from ..identify.advice import UNTOLD
 from ..identify.result import Estimate, interval
 from ..physics.mechanism import Mechanism
 from .bench import Bench
@@ -39,7 +40,8 @@ class Diagnosis:
         accepted: effects that were added, in order.
         refused: candidates with a reason.
         unexplained: the significant remainder, or None.
-        values: name -> estimate of the augmented model, SI units; ``ci95`` its 95 % intervals, ``units`` its units.
+        values: name -> estimate of the augmented model, SI units; ``ci95`` its 95 % intervals (NaN
+            where the data do not tell it), ``units`` its units.
         declared: the declared model's estimate.
         errors: signal -> {quantity, unit, before, after, noise_floor} on ``scored``.
         scored: "held-out trials", or "fitted trials" where there are none held out.
@@ -228,11 +230,11 @@ def _intervals(bench: Bench, fit: Fit, scanned: Scanned) -> tuple[dict[str, floa
     values = {name: fit.values[name] for name in fit.names}
     ci95 = {}
     for name in fit.names:
-        if name not in normal.names:
-            ci95[name] = (float("nan"), float("nan"))
-            continue
-        par = table[name]
-        ci95[name] = interval(
-            values[name], wider[name] * float(errors[normal.names.index(name)]), par.low >= 0 and par.neutral is None
-        )
+        par, error = table[name], np.nan
+        positive = par.low >= 0 and par.neutral is None
+        if name in normal.names:
+            error = wider[name] * float(errors[normal.names.index(name)])
+        if positive and error > UNTOLD * values[name]:
+            error = np.nan
+        ci95[name] = interval(values[name], error, positive)
     return values, ci95

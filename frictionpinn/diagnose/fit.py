@@ -9,6 +9,7 @@ import numpy as np
 
 from ..identify.advice import invert
 from ..identify.explore import information_of
+from ..identify.loss import Loss
 from ..identify.solve import Solution, State, reduced
 from ..identify.trial import TrialModel
 
@@ -59,6 +60,21 @@ class Fit:
         return sum(len(model.t) * len(model.outputs) for model in self.models)
 
     @property
+    def _residuals(self) -> dict[str, list[np.ndarray]]:
+        """Signal -> residuals of each trial that has it."""
+        names = dict.fromkeys(name for piece in self.state.pieces for name in piece.residuals)
+        return {name: [p.residuals[name] for p in self.state.pieces if name in p.residuals] for name in names}
+
+    def levels(self, loss: Loss) -> dict[str, float]:
+        """Noise of every signal as the residuals show it, SI units."""
+        result = dict(self.sigmas)
+        for name, own in self._residuals.items():
+            r = np.concatenate(own)
+            r = r[~np.isnan(r)]
+            result[name] = (loss.sigma(r, len(r)) if len(r) else 0.0) or result[name]
+        return result
+
+    @property
     def correlation(self) -> float:
         """How far the residuals are from white noise: the largest sum of autocorrelations over the signals, in its
         standard deviation under white noise.
@@ -66,9 +82,7 @@ class Fit:
         For one signal of n samples and a span of L lags it is sqrt(n / L) sum_{l=1}^{L} rho_l. It asks for no noise
         level, and estimated unknowns only lower it.
         """
-        names = dict.fromkeys(name for piece in self.state.pieces for name in piece.residuals)
-        series = {name: [p.residuals[name] for p in self.state.pieces if name in p.residuals] for name in names}
-        return max((_correlation(own) for own in series.values()), default=0.0)
+        return max((_correlation(own) for own in self._residuals.values()), default=0.0)
 
     @property
     def explains(self) -> bool:

@@ -36,7 +36,7 @@ out: errors are those of the fitted trials{% endif %}. {{ r.declared.outcome | c
 <th>evidence, log10 of the chance</th><th>not told apart from</th></tr>
 {% for e in r.effects %}{% for name, p in e.parameters.items() %}<tr><td>{{ e.name if loop.first }}</td>
 <td>{{ name }}</td><td>{{ number(p.value) }}{{ " " + p.unit if p.unit != "1" }}</td>
-<td>{{ number(p.ci95[0]) }} to {{ number(p.ci95[1]) }}</td>
+<td>{{ span(p.ci95) }}</td>
 <td>{{ number(e.evidence.log10_p) if loop.first }}</td>
 <td class="text">{{ e.indistinguishable_from | join(", ") if loop.first }}</td></tr>{% endfor %}{% endfor %}</table>
 {% for e in r.effects %}{% if e.separate %}<p>To tell {{ e.name }} from {{ e.indistinguishable_from | join(", ") }}:
@@ -60,8 +60,8 @@ saved model; no more is known of it than the variable.</p>{% endif %}
 <th>95 % interval</th></tr>
 {% for name, p in r.parameters.items() %}<tr><td>{{ name }}{{ " (" + p.unit + ")" if p.unit != "1" }}</td>
 <td>{{ number(p.before.value) if p.before }}</td>
-<td>{{ number(p.before.ci95[0]) + " to " + number(p.before.ci95[1]) if p.before }}</td>
-<td>{{ number(p.value) }}</td><td>{{ number(p.ci95[0]) }} to {{ number(p.ci95[1]) }}</td></tr>{% endfor %}</table>
+<td>{{ span(p.before.ci95) if p.before }}</td>
+<td>{{ number(p.value) }}</td><td>{{ span(p.ci95) }}</td></tr>{% endfor %}</table>
 <h2>Error before and after, {{ r.error.on }}</h2>
 <table><tr><th>quantity</th><th>before</th><th>after</th><th>noise floor</th></tr>
 {% for e in r.errors.values() %}<tr><td>{{ e.quantity }} ({{ e.unit }})</td><td>{{ number(e.before) }}</td>
@@ -89,6 +89,11 @@ def number(value: float | None) -> str:
     return "?" if value is None else f"{value:.4g}"
 
 
+def span(ci95: Sequence[float | None]) -> str:
+    """A 95 % interval in words."""
+    return "not told by these data" if None in ci95 else f"{number(ci95[0])} to {number(ci95[1])}"
+
+
 def write_page(path: Path, result: Mapping[str, Any], headline: str, mathml: str, figures: Sequence[Path]) -> Path:
     """Write the report."""
     images = {p.stem: base64.b64encode(p.read_bytes()).decode() for p in figures}
@@ -101,7 +106,8 @@ def write_page(path: Path, result: Mapping[str, Any], headline: str, mathml: str
 
     page = Environment().from_string(_PAGE)
     text = page.render(
-        r=result, headline=headline, mathml=mathml, figure=figure, number=number, color=_COLORS[result["verdict"]],
+        r=result, headline=headline, mathml=mathml, figure=figure, number=number, span=span,
+        color=_COLORS[result["verdict"]],
         model=f"{result['model']['system']}, {result['model']['friction']}",
     )  # fmt: skip
     path.write_text(text, encoding="utf-8")

@@ -80,9 +80,9 @@ def select(
         if accepted is None:
             break
         selection.accepted.append(accepted)
+        if bench.mechanism.memory:  # the likelihood is rugged
+            selection.fit = bench.settle(selection.fit)
         _rescan(bench, selection, options, remainders, places)
-        if bench.mechanism.memory and _settle(bench, selection):
-            _rescan(bench, selection, options, remainders, places)
         if bench.mechanism.memory and _doubtful(bench, selection, options, settings) and _deepen(bench, selection):
             _rescan(bench, selection, options, remainders, places)
         if _drop(bench, selection, settings):
@@ -154,13 +154,6 @@ def _deepen(bench: Bench, selection: Selection) -> bool:
     changed = best is not selection.fit
     selection.fit, selection.accepted[-1] = best, choice
     return changed
-
-
-def _settle(bench: Bench, selection: Selection) -> bool:
-    """Look for a lower minimum around the last model, says whether there is one: a bristle's likelihood is rugged."""
-    cost = selection.fit.state.cost
-    selection.fit = bench.settle(selection.fit)
-    return selection.fit.state.cost < cost - SETTLED
 
 
 def _drop(bench: Bench, selection: Selection, settings: Settings) -> bool:

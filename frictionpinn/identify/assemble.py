@@ -96,7 +96,8 @@ def finish(
     outcome = NO_EXCITATION if not slides or mask.all() else outcome
     memory_time = max(correlation_time(columns) for columns in rows.values())
     advice = advise(problem.mechanism, space, p, covariance, mask, at_bound, limits, rough, fastest, memory_time)
-    details = {"state": state, "models": tuple(models), "iterations": solution.iterations, "reason": solution.reason}
+    details = {"state": state, "models": tuple(models), "iterations": solution.iterations, "reason": solution.reason,
+               "minima": tuple(minima)}  # fmt: skip
     return Estimate(
         estimator, space.names, dict(zip(space.names, p.tolist(), strict=True)),
         {name: problem.mechanism.units[name] for name in space.names}, covariance,

@@ -17,7 +17,7 @@ from ..diagnose.augmented import save_augmented
 from ..diagnose.diagnosis import Diagnosis
 from ..diagnose.diagnosis import diagnose as run_diagnosis
 from ..diagnose.draw import draw, headline
-from ..diagnose.page import equation, rate_equation, write_page
+from ..diagnose.page import equation, rate_equation, span, write_page
 from ..diagnose.select import Settings
 from ..errors import UserError, choose
 from ..identify.result import plain
@@ -92,8 +92,7 @@ def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out:
     log.info(headline(d))
     for effect in result["effects"]:
         for name, p in effect["parameters"].items():
-            log.info(f"  {effect['name']}: {name} = {p['value']:.4g} {p['unit']} "
-                     f"[{p['ci95'][0]:.4g}, {p['ci95'][1]:.4g}]")  # fmt: skip
+            log.info(f"  {effect['name']}: {name} = {p['value']:.4g} {p['unit']} [{span(p['ci95'])}]")
     if d.network is not None:
         error = result["unexplained"]["network"]["error"]
         log.info(
