@@ -154,7 +154,10 @@ class _March:
         def miss(forces: np.ndarray) -> tuple[np.ndarray, _Candidates]:
             found = self._candidates(k, forces)
             rates = self._rates(k, found)
-            features = x + self.friction.now(found.now), x_rate + self.friction.now(rates)
+            if k:
+                features = x + self.friction.now(found.now), x_rate + self.friction.now(rates)
+            else:  # before the start, everything was what it is there
+                features = self.friction.constant(found.now), self.friction.constant(rates)
             return forces - self.friction(*features, found.now, rates), found
 
         force, step = guess, 1e-6 * self.scale

@@ -88,13 +88,13 @@ def call(*arguments: str) -> subprocess.CompletedProcess:
 
 
 @pytest.fixture(scope="session")
-def swing() -> Callable[[System], InputPath]:
+def swing() -> Callable[..., InputPath]:
     """A swing of 0.5 s that no training saw, at the samples of the training."""
     from frictionpinn.data.excitation import parse_expression
     from frictionpinn.physics import LAWS
 
-    def path(system: System) -> InputPath:
-        expression = parse_expression("45*deg*sin(2*pi*t)", "theta", {})
+    def path(system: System, theta: str = "45*deg*sin(2*pi*t)") -> InputPath:
+        expression = parse_expression(theta, "theta", {})
         mechanism = Mechanism(system, LAWS["coulomb"]())
         return InputPath.from_expressions(mechanism, np.arange(101) / 200, {"theta": expression})
 

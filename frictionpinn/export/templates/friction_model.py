@@ -80,6 +80,7 @@ class Network:
         self.layers = [(np.array(weight), np.array(bias)) for weight, bias in description["layers"]]
         self.mean, self.scale, self.signs = (np.array(description[key]) for key in ("mean", "scale", "signs"))
         self.act, self.slope = ACTIVATIONS[description["activation"]]
+        self.settled = 2 if self.estimator else 1  # the first sample tells no rates
         self.back = np.arange(1, description["samples"]) * round(stride)
         if self.estimator:
             values = {name: entry["value"] for name, entry in description["network_parameters"].items()}
@@ -93,7 +94,7 @@ class Network:
 
     def _features(self, row: np.ndarray) -> np.ndarray:
         """Features and their rates, shape (2, d); what the past gives to them is summed once a step."""
-        if not self.count:  # before the first sample, every signal was what it is there
+        if self.count < self.settled:  # before the first sample, every signal was what it is there
             return self._of_past(np.repeat(row[None], len(self.back), 0)) + self._newest(row)
         if self.of_past is None:
             self.of_past = self._of_past(self.past[np.maximum(self.count - self.back, 0) % len(self.past)])
@@ -141,8 +142,7 @@ class Network:
 
     def keep(self, now: dict) -> None:
         row = self._row(now)
-        if self.count == 1:  # the first sample's rates were not known: they are taken to have been these
-            unknown = [k for k, name in enumerate(self.signals) if name != "v_slip"]
-            self.past[0, 1, unknown] = row[1, unknown]
+        if self.count == 1 and self.estimator:  # the first sample's rates were not known: history starts with these
+            self.past[0] = row
         self.past[self.count % len(self.past)] = row
         self.count, self.of_past = self.count + 1, None
