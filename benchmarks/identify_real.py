@@ -142,13 +142,26 @@ SCORER: dict[str, Callable[[Mechanism, Mapping[str, float], Sequence[Trial]], fl
 
 
 def regression(recording: Recording) -> list[str]:
-    """The published kind of estimate on the same samples: force on acceleration, velocity, its sign, and 1."""
+    """The published kind of estimate on the same samples: force on acceleration, velocity, its sign, and 1.
+
+    Its 95 % intervals allow for residuals that stay correlated (Newey and West, Econometrica 55 (1987), with a window
+    of a twentieth of the samples).
+    """
     signals = recording.select(FIT["emps"]).trials[0].signals
     columns = {"M": signals["a"], "mu_c": np.sign(signals["v"]), "sigma_2": signals["v"]}
     design = np.stack([*columns.values(), np.ones(len(signals["v"]))], axis=1)
     found = np.linalg.lstsq(design, signals["force"], rcond=None)[0]
-    error = np.linalg.norm(signals["force"] - design @ found) / np.linalg.norm(signals["force"])
-    text = ", ".join(f"{n} {x:.5g}" for n, x in zip((*columns, "constant_force"), found, strict=True))
+    residual = signals["force"] - design @ found
+    error = np.linalg.norm(residual) / np.linalg.norm(signals["force"])
+    scores, lags = design * residual[:, None], len(residual) // 20
+    spread = scores.T @ scores
+    for lag in range(1, lags + 1):
+        product = scores[lag:].T @ scores[:-lag]
+        spread += (1 - lag / (lags + 1)) * (product + product.T)
+    bread = np.linalg.inv(design.T @ design)
+    reach = 1.96 * np.sqrt(np.diag(bread @ spread @ bread))
+    rows = zip((*columns, "constant_force"), found, reach, strict=True)
+    text = ", ".join(f"{name} {x:.5g} [{x - r:.4g}, {x + r:.4g}]" for name, x, r in rows)
     return [f"regression on these samples, as published: {text}; {100 * error:.2f} % of the force"]
 
 

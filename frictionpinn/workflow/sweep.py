@@ -79,7 +79,7 @@ class Sweep:
             for first in range(0, len(todo), max(batch, 1)):
                 self._launch(launcher, todo[first : first + max(batch, 1)])
         finally:
-            if done or any((self.folder / job.folder / STATUS).exists() for job in jobs):
+            if any(self._begun(job) for job in jobs):
                 summarise_sweep(self.folder, jobs, self.told)
         failed = [job for job in jobs if not result_of(self.folder / job.folder)]
         cli.failed_jobs += len(failed)
@@ -157,6 +157,10 @@ class Sweep:
             log.warning("the launcher stopped: %s: %s", type(error).__name__, error)
             return error
         return None
+
+    def _begun(self, job: Job) -> bool:
+        folder = self.folder / job.folder
+        return result_of(folder) is not None or status_of(folder)["state"] != "missing"
 
     def _settled(self, job: Job) -> bool:
         folder = self.folder / job.folder
