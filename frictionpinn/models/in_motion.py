@@ -29,11 +29,18 @@ def law_values(values: Mapping[str, float]) -> np.ndarray:
     return np.array([known.get(name, values.get(name)) for name in LAW.names], float)
 
 
+def gain(values: Mapping[str, float], x: np.ndarray) -> np.ndarray:
+    """slow^(1 - w) fast^w with w = |x| / (1 + |x|), x the velocity over its root mean square in the training trials."""
+    w = np.abs(x) / (1 + np.abs(x))
+    return values["slow"] ** (1 - w) * values["fast"] ** w
+
+
 class InMotion:
     """Friction of a trained BB1 or PE1 in simulation.
 
     Of a black box, without memory: with x = v + shift tanh(v / creep),
-    F = N (coulomb tanh(3 x / shift) + weights . hidden(x, N)), hidden the last hidden layer of its network.
+    F = gain(x) N (coulomb tanh(3 x / shift) + weights . hidden(x, N)), hidden the last hidden layer of its network;
+    gain goes from ``slow`` at rest to ``fast`` at speed, see :func:`gain`.
 
     Of a parameter estimator the bristle is a state, of LuGre's law with sigma_0, sigma_1, sigma_2. It settles to what
     the network says of sliding: F_c = gain |sigma_0 z_network(v + shift sign v, N)|, F_s = (1 + peak) F_c,
@@ -41,8 +48,8 @@ class InMotion:
 
     Args:
         model: trained.
-        values: shift and creep (m/s), coulomb; of a parameter estimator shift, gain, sigma_0, sigma_1, sigma_2, peak,
-            peak_velocity, SI units.
+        values: shift and creep (m/s), coulomb, slow, fast; of a parameter estimator shift, gain, sigma_0, sigma_1,
+            sigma_2, peak, peak_velocity, SI units.
         weights: of a black box, shape (width,).
     """
 
@@ -67,7 +74,8 @@ class InMotion:
         """Force of sliding at a shifted velocity, shape (n,); of a parameter estimator sigma_0 z alone."""
         if self.weights is not None:
             share = (self.model.network.hidden(self.inputs(v, N)) @ self.weights).numpy()
-            return N * (share + self.values["coulomb"] * np.tanh(3 * v / self.values["shift"]))
+            share = share + self.values["coulomb"] * np.tanh(3 * v / self.values["shift"])
+            return gain(self.values, v / self.model.scales["velocity"]) * N * share
         speed, load = (torch.from_numpy(np.array(value)[:, None]) for value in (v, N))
         u = self.model.network(self.inputs(v, N))
         z = self.model.bristle_state(self._law, u, speed, load)  # type: ignore[operator]

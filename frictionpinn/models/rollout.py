@@ -20,7 +20,7 @@ from ..numerics.torch_functions import contact_signals
 from ..physics import LAWS, System
 from ..physics.mechanism import Mechanism
 from .base import FrictionModel
-from .in_motion import LAW, InMotion, law_values
+from .in_motion import LAW, InMotion, gain, law_values
 
 STEPS = 16  # of the simulation, per sample
 SKIP = 8  # samples after a start, whose velocity is known to the noise
@@ -28,6 +28,7 @@ SLIDES = 15.0  # times the velocity's noise; slower samples may rest
 SHIFT = 0.25  # of a black box, in units of the root mean square velocity
 RIDGE = 2e-5  # penalty of its weights over their mean curvature
 _SPAN, _EVALUATIONS = 4.0, 100  # natural logarithms to either side of a start; of the least squares
+_SCALES = {"slow": 0.05, "fast": 0.05}  # of a step, in natural logarithms
 _GRID = (4001, 40)
 _FAR = 50.0  # a residual that diverged
 
@@ -70,7 +71,8 @@ def fit_in_motion(
     friction = InMotion(model, {}) if model.sees_rates else _per_load(model, trials)
     table, grid = _tabulate(friction, rolled)
     interval = float(np.median(np.diff(trials[0].t)))
-    problem = _Problem(table, grid, rolled, _noise(rolled, trials), interval / STEPS, mobility)
+    speed = model.scales["velocity"]
+    problem = _Problem(table, grid, rolled, _noise(rolled, trials), interval / STEPS, mobility, speed)
     fits = [problem.fit(values, fitted) for values, fitted in _starts(model, friction, mobility)]
     values, cost, _ = min(fits, key=lambda fit: fit[1])
     told = {"values": values, "mean_square": cost, "simulations": sum(fit[2] for fit in fits)}
@@ -135,7 +137,8 @@ def _per_load(model: FrictionModel, trials: Sequence[ContactTrial]) -> InMotion:
         for name in ("v_slip", "normal_force", "friction_force")
     )
     shift = SHIFT * model.scales["velocity"]
-    found = InMotion(model, {"shift": shift, "coulomb": 0.0})
+    values = {"shift": shift, "coulomb": 0.0, "slow": 1.0, "fast": 1.0}
+    found = InMotion(model, values)
     slides = np.abs(v) > SLIDES * model.scales["velocity_noise"]
     v, N, force = v[slides], np.abs(N[slides]), force[slides]
     if not len(v):
@@ -152,7 +155,7 @@ def _per_load(model: FrictionModel, trials: Sequence[ContactTrial]) -> InMotion:
     penalty = np.full(design.shape[1], RIDGE * np.sum(design[:, :-1] ** 2) / hidden.shape[1])
     penalty[-1] = 0.0
     solved = np.linalg.solve(design.T @ design + np.diag(penalty), design.T @ force)
-    return InMotion(model, {"shift": shift, "coulomb": solved[-1]}, torch.from_numpy(solved[:-1]))
+    return InMotion(model, values | {"coulomb": solved[-1]}, torch.from_numpy(solved[:-1]))
 
 
 def _starts(model: FrictionModel, friction: InMotion, mobility: float) -> list[tuple[dict[str, float], list[str]]]:
@@ -162,7 +165,7 @@ def _starts(model: FrictionModel, friction: InMotion, mobility: float) -> list[t
     """
     speed = model.scales["velocity"]
     if not friction.memory:
-        return [(friction.values | {"creep": 0.03 * speed}, ["creep"])]
+        return [(friction.values | {"creep": 0.03 * speed}, ["creep", "slow", "fast"])]
     known, starts = model.physical(), []
     for factor in (0.2, 0.5, 1.0):
         stiffness = factor * known["sigma_0"]
@@ -190,6 +193,7 @@ class _Problem:
         table, grid: see :func:`_tabulate`.
         noise: of force and slip velocity.
         h: step, s.
+        speed: root mean square velocity of the training trials.
     """
 
     table: np.ndarray
@@ -198,6 +202,7 @@ class _Problem:
     noise: tuple[float, float]
     h: float
     mobility: float
+    speed: float
 
     def fit(self, start: dict[str, float], fitted: list[str]) -> tuple[dict[str, float], float, int]:
         """Least squares over the logarithms of the fitted values: values, mean square residual, simulations."""
@@ -208,7 +213,7 @@ class _Problem:
 
         found = least_squares(
             lambda x: self.residuals(values(x)), np.zeros(len(fitted)), diff_step=1e-4, max_nfev=_EVALUATIONS,
-            x_scale=0.3, bounds=(-_SPAN, _SPAN),
+            x_scale=[_SCALES.get(name, 0.3) for name in fitted], bounds=(-_SPAN, _SPAN),
         )  # fmt: skip
         simulations = (found.nfev + len(fitted) * found.njev) * len(self.rolled)
         return values(found.x), 2 * float(found.cost) / len(found.fun), simulations
@@ -216,11 +221,14 @@ class _Problem:
     def residuals(self, values: Mapping[str, float]) -> np.ndarray:
         """Force and slip velocity of every trial, each over its noise."""
         found = []
+        if "creep" in values:
+            v = self.grid[0] + self.grid[1] * np.arange(len(self.table))
+            table = gain(values, v / self.speed)[:, None] * self.table
         for trial in self.rolled:
             v0, force0 = trial.start
             known = (self.table, self.grid, trial.A, trial.N, self.h, self.mobility, v0)
             if "creep" in values:
-                force, slip = static_rollout(*known, values["shift"], values["creep"], STEPS)
+                force, slip = static_rollout(table, *known[1:], values["shift"], values["creep"], STEPS)
             else:
                 law = (pointer(LAW.kernels.rate), pointer(LAW.kernels.force))
                 p = law_values(values)

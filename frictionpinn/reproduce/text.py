@@ -30,9 +30,10 @@ that the noise may hide. Online that is the best estimate; in the equation of mo
 fitted further, on the training trials alone (`rollout=true`), for simulation alone. PE1: its bristle is a state that
 settles to what the network says of sliding; stiffness, damping, the peak and its velocity, and a gain of the network
 are those with which the simulated training trials meet their noisy accelerations and velocities. BB1, without memory:
-its last layer is solved again for the force per load of the samples that surely slide, and the width of the step at
-rest fitted in the same simulations. The rows *without the fit in motion* are the networks as trained. BB2 and PE2
-look at windows of the past and are simulated as trained: at rest they enter limit cycles.
+its last layer is solved again for the force per load of the samples that surely slide; the width of the step at
+rest, and its gains at rest and at speed, are fitted in the same simulations. The rows *without the fit in motion* are
+the networks as trained. BB2 and PE2 look at windows of the past and are simulated as trained: at rest they enter limit
+cycles.
 """
 
 CHARACTERISTICS = """Steady friction force over slip velocity and normal force, within what the training trials
