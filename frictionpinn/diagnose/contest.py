@@ -239,10 +239,10 @@ def add(bench: Bench, fit: Fit, tested: Tested, thorough: bool = True) -> Fit | 
     astray = thorough and tested.statistic > ASTRAY
     bases = [fit.values, *({**fit.values, **start} for start in (bench.starts if astray else ()))]
     back = lifted(bench.problem, bench.sizes, fit.values)
-    for base in [*bases, *([back] if back else [])]:
+    for base in [*bases, *([back] if back else []), *([tested.beside] if tested.beside else [])]:
         # From neutral, since Gauss-Newton moves all parameters together; from its step where that fails.
         for share in (0.0, 1.0):
-            values = base | tested.shape | {name: share * value for name, value in step.items()}
+            values = {**base, **tested.shape} | {name: share * value for name, value in step.items()}
             found = bench.refit(fit, names, bench.clip(values), limits=limits)
             if found is not None:
                 tries.append(found)

@@ -31,6 +31,7 @@ class Tested:
         step: strength -> value that one Gauss-Newton step gives, SI units.
         shape: hidden parameter -> value, of those tried the one that explains most.
         trace: the part of its derivatives that nothing else explains, shape (rows of all trials,), at unit length.
+        beside: values of all parameters beside which it was tested, where these are not the fit's.
     """
 
     candidate: Candidate
@@ -40,6 +41,7 @@ class Tested:
     step: dict[str, float]
     shape: dict[str, float]
     trace: np.ndarray
+    beside: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)

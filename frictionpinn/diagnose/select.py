@@ -13,7 +13,7 @@ from .candidates import Candidate
 from .contest import Accepted, Refused, Settings, contest, needed, penalised
 from .fit import Fit
 from .remainder import Remainder
-from .restarts import lifted
+from .restarts import lifted, peaked
 from .scan import Scanned, Tested, scan
 
 __all__ = ["Accepted", "Refused", "Selection", "Settings", "select"]
@@ -67,9 +67,9 @@ def select(
             if t.log_p + np.log10(len(options)) < settings.log_p
             and not taken & set(t.candidate.strengths) and t.candidate.name not in banned
         ]  # fmt: skip
-        if not significant and not _remains(selection, settings):
+        hidden = _beside_vanished(bench, selection, options, settings)
+        if not significant and not hidden and not _remains(selection, settings):
             break
-        hidden = _beside_lifted(bench, selection, options)
         others = [
             t
             for t in selection.last.tested
@@ -112,20 +112,33 @@ def _remains(selection: Selection, settings: Settings) -> bool:
     return min(tests, default=0.0) < settings.log_p
 
 
-def _beside_lifted(bench: Bench, selection: Selection, options: Sequence[Candidate]) -> list[Tested]:
-    """The best candidates beside a friction that vanished from the fit, brought back: some show only together."""
+def _beside_vanished(
+    bench: Bench, selection: Selection, options: Sequence[Candidate], settings: Settings
+) -> list[Tested]:
+    """The best candidates beside a friction that vanished from the fit, brought back.
+
+    Some show only there: friction that rises towards rest over 5 cm/s passes for a Stribeck curve, and takes the place
+    of the real one.
+    """
     fit = selection.fit
     back = lifted(bench.problem, bench.sizes, fit.values)
-    if back is None:
-        return []
-    moved = {name for name in fit.names if back[name] != fit.values[name]}
-    made = bench.refit(fit, tuple(n for n in fit.names if n not in moved), back)
-    if made is None:
+    found = _held(bench, fit, [back]) if back else _held(bench, fit, peaked(bench.problem, fit.values))
+    if found is None:
         return []
     banned = {r.candidate.name for r in selection.refused}
     present = {a.candidate.effect for a in selection.accepted}
     left = [c for c in options if c.effect not in present and c.name not in banned and len(c.grid) < MANY]
-    return list(scan(bench, made, left, (), {}).tested[:LIFTED])
+    tested = scan(bench, found, left, (), {}).tested[:LIFTED]
+    return [replace(t, beside=found.values) for t in tested if t.log_p + np.log10(len(options)) < settings.log_p]
+
+
+def _held(bench: Bench, fit: Fit, starts: Sequence[Mapping[str, float]]) -> Fit | None:
+    """The best refit with what the starts change held there."""
+    fits = []
+    for values in starts:
+        moved = {name for name in fit.names if values[name] != fit.values[name]}
+        fits.append(bench.refit(fit, tuple(n for n in fit.names if n not in moved), values))
+    return min((f for f in fits if f is not None), key=lambda f: f.state.cost, default=None)
 
 
 def _doubtful(bench: Bench, selection: Selection, options: Sequence[Candidate], settings: Settings) -> bool:
