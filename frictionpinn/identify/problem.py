@@ -16,7 +16,7 @@ from .loss import choose_loss
 from .motion import smoothed
 from .parallel import in_parallel
 from .solve import State
-from .space import Space, check_names
+from .space import Space, check_fixed, check_names
 from .start import data_start, default_bounds
 from .trial import Piece, TrialModel
 
@@ -61,6 +61,7 @@ class Problem:
         self.joint = choose(inputs, {"joint": True, "fixed": False}, "inputs")
         choose(initial, {"free": 1, "rest": 1}, "initial")
         check_names(mechanism, (*(free or ()), *(bounds or {}), *(fixed or {})))
+        check_fixed(mechanism, fixed or {})
         law = [par.name for par in mechanism.law.parameters if par.value is None]
         names = tuple(free) if free is not None else tuple(n for n in law if n not in (fixed or {}))
         defaults = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values

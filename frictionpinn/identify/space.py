@@ -140,6 +140,18 @@ def check_names(mechanism: Mechanism, names: Iterable[str]) -> None:
             raise UserError("unknown parameter", where=f"free.{name}", allowed=", ".join(table), fix=fix)
 
 
+def check_fixed(mechanism: Mechanism, fixed: Mapping[str, float]) -> None:
+    """Raise :class:`UserError` for a known parameter whose value is no number of its physical range."""
+    table = {par.name: par for par in mechanism.parameters}
+    for name, value in fixed.items():
+        par = table[name]
+        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+        if not number or not par.low <= value <= par.high:
+            unit = "" if par.unit == "1" else f" {par.unit}"
+            raise UserError("impossible value", where=f"fixed.{name}", received=value,
+                            allowed=f"a number from {par.low:g} to {par.high:g}{unit}")  # fmt: skip
+
+
 def _order(mechanism: Mechanism) -> list[tuple[str, str]]:
     """Pairs (upper, lower) of parameters that the law keeps in order."""
     names = {par.symbol: par.name for par in mechanism.parameters}

@@ -119,6 +119,8 @@ def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
         processor = time.process_time() - processor
         result[method] = _entry(found, processor, scorer, start) | {"seed": seed, "start": start, "bounds": bounds}
         log.info(f"seed {seed}, {method}: {found.seconds:.1f} s, {found.outcome}")
+        if method == "maximum_likelihood":
+            log.info(str(found))
         start = within(bounds, start | found.values) if method == origin else start
     return {method: result[method] for method in cfg["methods"]}
 
@@ -159,6 +161,8 @@ def _entry(found: Estimate, processor: float, scorer: Scorer, start: Mapping[str
     return {
         "outcome": found.outcome,
         "values": {name: plain(value) for name, value in values.items()},
+        "ci95": {name: [plain(value) for value in pair] for name, pair in found.ci95.items()},
+        "advice": list(found.advice),
         "seconds": round(found.seconds, 3),
         "processor_seconds": round(processor, 3),
         "simulations": found.n_simulations,
@@ -214,6 +218,19 @@ def _check(cfg: Config) -> None:
     seeds = cfg["seeds"]
     if not isinstance(seeds, list) or not seeds or any(not isinstance(s, int) or s < 0 for s in seeds):
         raise UserError("impossible seeds", where="seeds", received=repr(seeds), allowed="a list such as [0, 1, 2]")
+    most = cfg["simulations"]
+    if most is not None and (isinstance(most, bool) or not isinstance(most, int | float) or not most >= 1):
+        raise UserError("impossible number", where="simulations", received=repr(most), allowed="at least 1, or null")
+    law, networks = LAWS[cfg["friction"]["name"]], [method for method in methods if method in NETWORKS]
+    if networks and not law.memory:
+        raise UserError("a network estimates a law with a bristle state", where="methods", received=networks[0],
+                        allowed="maximum_likelihood and searches for this law",
+                        fix=f"leave {networks[0]} out, or choose friction=lugre")  # fmt: skip
+    for name, pair in _given(cfg["friction"]["bounds"]).items():
+        numbers = isinstance(pair, list) and len(pair) == 2 and all(isinstance(x, int | float) for x in pair)
+        if not numbers or not 0 < pair[0] < pair[1]:
+            raise UserError("impossible bounds", where=f"friction.bounds.{name}", received=pair,
+                            allowed="[low, high] with 0 < low < high", fix="give the lower bound first")  # fmt: skip
     if cfg["bounds"]["low"] is not None and not _knows_truth(cfg):
         raise UserError(
             "bounds around a truth that is not known",

@@ -146,6 +146,11 @@ def test_a_start_that_cannot_be_is_told_in_one_line(trained, tmp_path):
         (["methods=[]"], "no estimators"),
         (["seeds=[]"], "impossible seeds"),
         (["data=csv", "data.path=run.csv"], "add bounds=data"),
+        (["simulations=few"], "impossible number: simulations is 'few'; allowed: at least 1"),
+        (["simulations=-5"], "impossible number: simulations is -5"),
+        (["friction=coulomb"], "leave pe1 out, or choose friction=lugre"),
+        (["friction.bounds.mu_c=[0.5,0.2]"], "impossible bounds: friction.bounds.mu_c"),
+        ([*DRIVE, "friction.fixed.mu_c=-1", "methods=[nelder_mead]"], "impossible value: fixed.mu_c is -1; allowed: a"),
     ],
 )
 def test_a_mistake_is_told_in_one_line(wrong, told, tmp_path):
