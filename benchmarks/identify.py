@@ -210,7 +210,14 @@ def draw(results: dict[str, list[Run]], budget: float) -> Figure:
             if len(times) == 1:
                 axes.plot(times, errors, "o", color=COLORS[method], ms=8, label=label)
                 continue
-            axes.step([*times, budget], [*errors, errors[-1]], where="post", color=COLORS[method], lw=1.2, label=label)
+            axes.step(
+                [*times, max(budget, run.spent)],
+                [*errors, errors[-1]],
+                where="post",
+                color=COLORS[method],
+                lw=1.2,
+                label=label,
+            )
     axes.axhline(1.0, color="#222222", lw=0.8, ls="--")
     axes.set(xscale="log", yscale="log", xlabel="time (s)",
              ylabel="error over the bound (sigma_0, sigma_1, sigma_2, mu_c)")  # fmt: skip
