@@ -48,17 +48,16 @@ def final(folder: Path) -> str:
     return json.dumps(kept | {key: result["training"][key] for key in ("epochs", "loss")}, sort_keys=True)
 
 
-def kill(place: Path, options: list[str], wait: float) -> tuple[int, int]:
-    """Kill a training ``wait`` s after its first epoch; return its epochs and those of its last checkpoint."""
+def kill(place: Path, options: list[str], epoch: int, wait: float) -> tuple[int, int]:
+    """Kill a training ``wait`` s after an epoch has begun; return its epochs and those of its last checkpoint."""
     import torch
 
     place.mkdir()
     command = [sys.executable, str(Path(__file__).resolve()), "--child", *options, "hydra.run.dir=run"]
     process = subprocess.Popen(command, cwd=place, stdout=subprocess.DEVNULL)
-    while process.poll() is None and not (place / "epoch").exists():
-        time.sleep(0.01)
-    while process.poll() is None and not (place / "epoch").read_text().strip():
-        time.sleep(0.01)
+    count = place / "epoch"
+    while process.poll() is None and not (count.exists() and int(count.read_text().strip() or -1) >= epoch):
+        time.sleep(0.002)
     time.sleep(wait)
     process.kill()
     process.wait()
@@ -84,7 +83,8 @@ def main() -> None:
         seconds = json.loads((place / "whole" / "result.json").read_text())["training"]["seconds"]["training"]
         for k in range(arguments.kills):
             folder = place / str(k)
-            reached, saved = kill(folder, options, chance.uniform(0.0, 0.9) * seconds)
+            moment = chance.uniform(0.0, 0.9) * arguments.epochs, chance.uniform(0.0, 1.0) * seconds / arguments.epochs
+            reached, saved = kill(folder, options, int(moment[0]), moment[1])
             if (folder / "run" / "result.json").exists():
                 raise SystemExit("a training ended before it could be killed: take more epochs")
             subprocess.run([*TRAIN, "resume=run"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
