@@ -33,7 +33,7 @@ are those with which the simulated training trials meet their noisy acceleration
 its last layer is solved again for the force per load of the samples that surely slide; the width of the step at
 rest, and its gains at rest and at speed, are fitted in the same simulations. The rows *without the fit in motion* are
 the networks as trained. BB2 and PE2 look at windows of the past and are simulated as trained: at rest they enter limit
-cycles.
+cycles, and a simulation fails where no force satisfies the equation of motion.
 """
 
 CHARACTERISTICS = """Steady friction force over slip velocity and normal force, within what the training trials
@@ -44,6 +44,7 @@ EQUATIONS = """The published equation of the swing has J_L + m_L d instead of J_
 drops theta'' sin theta. Where the swing is prescribed only the normal force matters. *lagrange*: data and model
 obey the derived equations. *published, data obey lagrange*: the model believes the published ones about a mechanism
 that does not. *published throughout*: simulated and learned with the published equations, as in the paper.
+A parameter without a standard error lies at a bound: the slow moments that tell static friction are few.
 """
 
 TRANSFER = """Each model trained on one system and put, as it is, into the other: only normal force, slip velocity
