@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..data.recording import Recording
-from ..identify.likelihood import find_start, maximum_likelihood
+from ..identify.likelihood import find_start, maximum_likelihood, with_bristle
 from ..identify.linear import Rows, linearise, weighted
 from ..identify.problem import Problem, in_parallel
 from ..identify.result import FAILED
@@ -283,8 +283,6 @@ def _longer(local: np.ndarray, old: TrialModel, new: TrialModel) -> np.ndarray:
 
 
 def _with_bristle(problem: Problem, models: Sequence[TrialModel], u: np.ndarray) -> tuple[TrialModel, ...]:
-    from ..identify.likelihood import with_bristle
-
     if not problem.mechanism.law.memory:
         return tuple(models)
     other = copy.copy(problem)

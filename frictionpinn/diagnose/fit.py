@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -74,7 +75,7 @@ class Fit:
             result[name] = (loss.sigma(r, len(r)) if len(r) else 0.0) or result[name]
         return result
 
-    @property
+    @cached_property
     def correlation(self) -> float:
         """How far the residuals are from white noise: the largest sum of autocorrelations over the signals, in its
         standard deviation under white noise.
