@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import os
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -23,6 +25,7 @@ from ..workflow.train import train
 
 T = TypeVar("T")
 R = TypeVar("R")
+THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 QUIET = ("trainer.threads=1", "trainer.progress_bar=false", "trainer.accelerator=cpu")
 
 
@@ -117,12 +120,24 @@ def read(path: Path) -> Config:
 
 
 def each(work: Callable[[T], R], items: Iterable[T], jobs: int) -> list[R]:
-    """[work(item), ...] in processes of their own where there is more than one job."""
+    """[work(item), ...] in processes of their own, one thread each, where there is more than one job."""
     tasks = list(items)
     if jobs < 2 or len(tasks) < 2:
         return [work(task) for task in tasks]
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=hush) as pool:
+    with one_thread(), ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=hush) as pool:
         return list(pool.map(work, tasks))
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Processes that start meanwhile compute with one thread: the waiting threads of two take each other's cores."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})
 
 
 def hush() -> None:

@@ -16,7 +16,7 @@ from frictionpinn.reproduce.ablation import presets
 from frictionpinn.reproduce.document import number
 from frictionpinn.reproduce.equations import identified
 from frictionpinn.reproduce.parts import PARTS, reproduce
-from frictionpinn.reproduce.runs import Run, by_seed, finish, finish_all
+from frictionpinn.reproduce.runs import Run, by_seed, each, finish, finish_all
 from frictionpinn.workflow import cli, members
 from frictionpinn.workflow.estimate import default_config
 
@@ -119,3 +119,9 @@ def test_make_paper_runs_a_part_from_the_command_line(workdir):
 def test_the_published_normal_force_puts_friction_coefficients_out():
     wrong, right = (identified(case, 0)["mu_c"] for case in ("published, data obey lagrange", "lagrange"))
     assert abs(wrong["value"] / wrong["truth"] - 1) > 0.1 > abs(right["value"] / right["truth"] - 1)
+
+
+def test_work_side_by_side_computes_with_one_thread_each(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    assert each(os.getenv, ["OMP_NUM_THREADS"] * 2, 2) == ["1", "1"]
+    assert os.environ["OMP_NUM_THREADS"] == "7"
