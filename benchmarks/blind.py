@@ -1,6 +1,6 @@
 """Blind recordings: effects that the declared model does not name, and what a diagnosis makes of them.
 
-    python benchmarks/blind.py [--repeats 20] [--only clean,drag,...] [--power]
+    python benchmarks/blind.py [--repeats 20] [--only clean,drag,...] [--jobs 2] [--power]
 
 Six swings of the pendulum on a box at 400 Hz, 5 % noise on all six signals, trial 6 held out. The program under test
 is handed a CSV file and nothing else; the answers stay here. Sizes are drawn between 3 and 5 % of the friction force
@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
 import numpy as np
@@ -234,6 +235,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=20)
     parser.add_argument("--from-seed", type=int, default=0)
     parser.add_argument("--only", default="")
+    parser.add_argument("--jobs", type=int, default=1, help="cases side by side; times are then those of shared cores")
     parser.add_argument("--power", action="store_true", help="smallest size of each effect that is found")
     args = parser.parse_args()
     path = RESULTS / ("blind_power.json" if args.power else "blind.json")
@@ -244,17 +246,16 @@ def main() -> None:
     shares = [0.0025, 0.005, 0.01, 0.02, 0.04] if args.power else [None]
     if args.power:
         kinds = [k for k in kinds if k in NAMED and k not in FIXED]
-    for seed in range(args.from_seed, args.from_seed + args.repeats):
-        for kind in kinds:
-            for share in shares:
-                if (kind, seed, share) in seen:
-                    continue
-                done.append(run(kind, seed, share))
-                path.write_text(json.dumps(done, indent=1))
-                case = done[-1]
-                print(kind, seed, "right" if right(case) else "WRONG", case.get("verdict"), case.get("effects"),
-                      case.get("depends_on"), case.get("inside"), case.get("diagnosis_s"), case.get("failed", ""),
-                      flush=True)  # fmt: skip
+    seeds = range(args.from_seed, args.from_seed + args.repeats)
+    tasks = [(k, seed, share) for seed in seeds for k in kinds for share in shares if (k, seed, share) not in seen]
+    with ThreadPoolExecutor(args.jobs) as pool:
+        for future in as_completed([pool.submit(run, *task) for task in tasks]):
+            case = future.result()
+            done.append(case)
+            path.write_text(json.dumps(done, indent=1))
+            print(case["kind"], case["seed"], "right" if right(case) else "WRONG", case.get("verdict"),
+                  case.get("effects"), case.get("depends_on"), case.get("inside"), case.get("diagnosis_s"),
+                  case.get("failed", ""), flush=True)  # fmt: skip
     from blind_report import report
 
     report(done, args.power)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +13,8 @@ from ..errors import UserError, nearest
 from .base import TIME, Parameter
 
 __all__ = ["TIME", "Coordinate", "Input", "System"]
+
+_simplified = lru_cache(maxsize=1024)(sp.simplify)  # systems of one kind derive the same equations again and again
 
 
 @dataclass(frozen=True)
@@ -223,7 +225,7 @@ class System:
 
     def _contact_holds(self, expr: sp.Expr) -> sp.Expr:
         zero = {symbol: 0 for c in self.coordinates if c.constrained for symbol in c.symbols}
-        return sp.simplify(expr.subs(zero))
+        return _simplified(expr.subs(zero))
 
     @cached_property
     def _derived(self) -> dict[str, sp.Expr]:
@@ -288,12 +290,12 @@ class System:
     def friction_implied(self) -> sp.Expr:
         """The friction force that the measured motion implies: the least-squares solution of E + J F_f = 0."""
         rows = [(self.jacobian[c.name], self.residual(c)) for c in self.free if self.jacobian[c.name] != 0]
-        return sp.simplify(-sum(j * e for j, e in rows) / sum(j * j for j, _ in rows))
+        return _simplified(-sum(j * e for j, e in rows) / sum(j * j for j, _ in rows))
 
     @cached_property
     def a_slip(self) -> sp.Expr:
         """Slip acceleration: the time derivative of the slip velocity."""
-        return sp.simplify(self._time_derivative(self.v_slip))
+        return _simplified(self._time_derivative(self.v_slip))
 
     @cached_property
     def a_frictionless(self) -> sp.Expr:
@@ -302,7 +304,7 @@ class System:
             return self.a_slip
         accelerations = [c.symbols[2] for c in self.free]
         solution = sp.solve([self.residual(c) for c in self.free], accelerations, dict=True)[0]
-        return sp.simplify(self.a_slip.subs(solution))
+        return _simplified(self.a_slip.subs(solution))
 
     @property
     def signal_units(self) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +12,12 @@ from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose import bench as benches
 from frictionpinn.diagnose.bench import Bench
+from frictionpinn.diagnose.candidates import candidates
+from frictionpinn.diagnose.diagnosis import _bench
 from frictionpinn.diagnose.fit import Fit
+from frictionpinn.diagnose.observe import scales, simulations
 from frictionpinn.diagnose.restarts import lifted, peaked
+from frictionpinn.diagnose.select import Settings, _beside_vanished
 from frictionpinn.identify.problem import Problem
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
@@ -106,3 +111,21 @@ def test_a_refit_ends_where_it_stands_once_it_takes_more_steps_than_any_model_sh
 def test_effects_of_the_bench_are_neutral_at_the_start(made):
     (par,) = EFFECTS["constant_force"]().parameters
     assert made.base().values["constant_force"] == par.neutral
+
+
+def test_candidates_are_tested_beside_static_friction_that_vanished_from_the_fit():
+    system = SYSTEMS["drive"](M=1.0)
+    clean = simulate_recording(system, "lugre", TRUTH | {"constant_force": 0.3}, TRIALS, 200.0, ["constant_force"])
+    made = GaussianNoise(0.02)(clean, 0)
+    bench, kinds, _ = _bench(Mechanism(system, LAWS["lugre"]()), made, made.select(()), ["constant_force"], None, {})
+    options = candidates(kinds, system, bench.mechanism.law, scales(system, simulations(bench, bench.base())))
+    settings, whole = Settings(), bench.base()
+    selection = SimpleNamespace(fit=replace(whole, values=whole.values | TRUTH), refused=[], accepted=[])
+    assert _beside_vanished(bench, selection, options, settings) == []
+    names = tuple(name for name in whole.names if name not in ("mu_s", "v_s"))
+    selection.fit = replace(bench.refit(whole, names, whole.values | {"mu_s": whole.values["mu_c"]}), names=whole.names)
+    found = _beside_vanished(bench, selection, options, settings)
+    assert [t.candidate.effect for t in found] == ["constant_force"]
+    assert found[0].beside["mu_s"] > 1.2 * found[0].beside["mu_c"]
+    selection.refused = [SimpleNamespace(candidate=options[0])]
+    assert _beside_vanished(bench, selection, options, settings) == []
