@@ -115,7 +115,7 @@ def start_sensitivity(
             which, index = (2, wanted.columns[c]) if wanted.columns[c] >= 0 else (0, wanted.states[c])
             change = np.eye(len(base[which]))[index]
             size = 1e-6 * (abs(base[which][index]) or 1e-2 * (which == 2))
-        if size > 0 and not (which == 0 and index in moving):
+        if size > 0 and change.any() and not (which == 0 and index in moving):
             shifted = [[x + sign * size * change if i == which else x for i, x in enumerate(base)] for sign in (1, -1)]
             above, below = (_settled(kernels, *values, steady=steady) for values in shifted)
             result[rows, c] += ((above - below) / (2 * size))[rows]

@@ -10,7 +10,7 @@ import sympy as sp
 
 from ..physics.mechanism import Mechanism
 from .delay import shift_pieces, shift_samples
-from .paths import DEGREE, InputPath
+from .paths import DEGREE, Directions, InputPath
 
 Signals = dict[str, np.ndarray]
 
@@ -32,6 +32,12 @@ class Drive:
     def direction(self, recorded: InputPath, p: np.ndarray) -> InputPath:
         """Return the change of what acts for a change of the recorded inputs."""
         return self._extended(self._late(recorded, p), 0.0)
+
+    def directions(self, recorded: Directions, p: np.ndarray) -> Directions | None:
+        """Return all these changes as they were made ready; None where inputs act late."""
+        if any(float(weights @ p) != 0 for weights in self.delays.values()):
+            return None
+        return recorded.timed if self.timed else recorded
 
     def delay_direction(self, name: str, recorded: InputPath, p: np.ndarray) -> InputPath:
         """Return the derivative of what acts in the delay parameter ``name``."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -184,6 +184,16 @@ class Directions:
 
     def __len__(self) -> int:
         return len(self.paths)
+
+    @cached_property
+    def timed(self) -> Directions:
+        """The same beside a path that time itself is added to as the last input: no direction changes that."""
+        wider = np.zeros_like(self.coefficients[:, :, :1]), np.zeros_like(self.samples[:, :, :1])
+        return replace(
+            self,
+            coefficients=np.concatenate([self.coefficients, wider[0]], axis=2),
+            samples=np.concatenate([self.samples, wider[1]], axis=2),
+        )
 
     @classmethod
     def of(cls, paths: Mapping[str, InputPath], shape: tuple[int, ...]) -> Directions:

@@ -252,17 +252,17 @@ class Simulator:
         for name, direction in given.items():
             if direction.coefficients.shape != path.coefficients.shape:
                 raise UserError("direction on other times than the path", where=f"directions.{name}")
+        ready = self._drive.directions(directions, p) if isinstance(directions, Directions) else None
         acting = {name: self._drive.delay_direction(name, path, p) for name in names if name in self._drive.parameters}
-        acting |= {name: self._drive.direction(direction, p) for name, direction in given.items()}
-        plain, n_p, m = [n for n in names if n not in acting], len(self.parameter_names), len(self.mechanism.free)
+        if acting or ready is None:
+            acting |= {name: self._drive.direction(direction, p) for name, direction in given.items()}
+            ready = Directions.of(acting, self._drive.path(path, p).coefficients.shape)
+        plain, n_p, m = [n for n in names if n not in ready], len(self.parameter_names), len(self.mechanism.free)
         place = {name: i for i, name in enumerate(valid)}
-        index = np.array([place[name] for name in plain] + [-1] * len(acting), dtype=np.int64)
+        index = np.array([place[name] for name in plain] + [-1] * len(ready), dtype=np.int64)
         columns, states = np.where(index < n_p, index, -1), np.where(index >= n_p, index - n_p, -1)
         states[states >= 2 * m] += len(self.mechanism.states)
-        same = len(acting) == len(given) and all(acting[name] is own for name, own in given.items())
-        if not (same and isinstance(directions, Directions)):
-            directions = Directions.of(acting, self._drive.path(path, p).coefficients.shape)
-        return Wanted((*plain, *acting), columns, states, directions)
+        return Wanted((*plain, *ready), columns, states, ready)
 
     def _start(self, y0: dict[str, float], z0: float | str, u: np.ndarray, p: np.ndarray) -> np.ndarray:
         start = np.array([y0.get(name, 0.0) for name in self.state_names], dtype=float)
