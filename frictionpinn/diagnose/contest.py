@@ -118,6 +118,9 @@ def _refitted(bench: Bench, before: Fit, classes: list[list[Tested]], others: Se
     """The first of every class refitted, the best first."""
     fits: list[Contender] = []
     for group in classes:
+        name = group[0].candidate.name
+        if group[0].beside is not None and _explained([pair for pair in fits if pair[0].candidate.name == name]):
+            continue
         # Beside a fit that leaves nothing but noise a candidate has to be as good from where it stands.
         found = add(bench, before, group[0], thorough=not _explained(fits))
         fits += [(group[0], found)] if found is not None else []
