@@ -15,7 +15,7 @@ from ..identify.likelihood import find_start, maximum_likelihood, with_bristle
 from ..identify.linear import Rows, linearise, weighted
 from ..identify.problem import Problem, in_parallel
 from ..identify.result import FAILED
-from ..identify.solve import Evaluate, levenberg_marquardt
+from ..identify.solve import Evaluate, State, levenberg_marquardt
 from ..identify.space import Space
 from ..identify.start import default_bounds
 from ..identify.trial import TrialModel
@@ -214,6 +214,18 @@ class Bench:
 
     def check(self, fit: Fit) -> Fit | None:
         """The held-out trials with the fit's parameters: only their own unknowns are estimated."""
+        found = self.checking(fit)
+        if found is None:
+            return None
+        _, models, first, evaluate = found
+        solution = levenberg_marquardt(evaluate, first, (first.u, first.u), **REFIT)
+        return Fit(fit.names, fit.values, models, solution.state, fit.sigmas)
+
+    def checking(self, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], State, Evaluate] | None:
+        """The held-out trials at the fit's parameters: their problem, models, first state, and how it is evaluated.
+
+        None without such trials, or where they cannot be simulated.
+        """
         if self.checked is None:
             return None
         simulator = fit.models[0].simulator
@@ -226,10 +238,7 @@ class Bench:
             return problem.evaluate(bristle, u, locals_, derivatives, sigmas=fit.sigmas, **options)
 
         first = evaluate(u, [model.local[: model.size(problem.joint)] for model in bristle], True)
-        if first is None:
-            return None
-        found = levenberg_marquardt(evaluate, first, (u, u), **REFIT)
-        return Fit(fit.names, fit.values, bristle, found.state, fit.sigmas)
+        return None if first is None else (problem, bristle, first, evaluate)
 
     # what a fit leaves ---------------------------------------------------------------------------------------
     def derivatives(

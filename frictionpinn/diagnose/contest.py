@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from .bench import Bench
 from .candidates import Candidate
 from .fit import Fit
+from .held_out import held_out_gain
 from .restarts import lifted
 from .scan import Tested
 from .score import ALIKE
@@ -102,7 +103,7 @@ def contest(
             refused.append(Refused(tested.candidate, why))
             continue
         near = [pair for pair in fits[k + 1 :] if penalised(pair[1]) - penalised(fit) < RIVAL]
-        (tested, fit), held, near, worse = _decide(bench, before, (tested, fit), held, near)
+        (tested, fit), held, near, worse = _decide(bench, before, (tested, fit), held, near, settings.gain)
         gain = before.state.cost - fit.state.cost
         same = next(group for group in classes if group[0] is tested)[1:]
         alike = [(t.candidate, {n: t.step[n] for n in t.candidate.strengths}) for t in same]
@@ -188,19 +189,19 @@ def _proof(bench: Bench, before: Fit, tested: Tested, fit: Fit, settings: Settin
     gain, need = before.state.cost - fit.state.cost, needed(tested, settings)
     if gain < need:
         return None, f"refitted, it gains {gain:.1f} in log-likelihood; {need:.1f} are needed"
-    held = held_out_gain(bench, before, fit)
+    held = held_out_gain(bench, before, fit, settings.gain)
     if held is not None and held < settings.gain:
         return held, f"held-out trials do not improve ({held:+.1f} in log-likelihood)"
     return held, ""
 
 
 def _decide(
-    bench: Bench, before: Fit, first: Contender, held: float | None, near: Sequence[Contender]
+    bench: Bench, before: Fit, first: Contender, held: float | None, near: Sequence[Contender], enough: float
 ) -> tuple[Contender, float | None, list[Contender], list[Refused]]:
     """Among fits that are about as good, the one that trials which no fit saw prefer; those that they reject."""
     if held is None or not near:
         return first, held, list(near), []
-    judged = [(first, held), *((pair, held_out_gain(bench, before, pair[1]) or 0.0) for pair in near)]
+    judged = [(first, held), *((pair, held_out_gain(bench, before, pair[1], enough) or 0.0) for pair in near)]
     winner, best = max(judged[1:], key=lambda item: item[1])
     if best <= held + DECISIVE:
         winner, best = first, held
@@ -269,13 +270,3 @@ def needed(tested: Tested, settings: Settings) -> float:
     """Log-likelihood that a candidate must gain, refitted."""
     freedom = max(tested.freedom, 1)
     return float(chi2.isf(10.0**settings.log_p / 50, freedom)) / 2
-
-
-def held_out_gain(bench: Bench, before: Fit, after: Fit) -> float | None:
-    """Log-likelihood that the held-out trials gain; None without such trials."""
-    if bench.checked is None:
-        return None
-    old, new = bench.check(before), bench.check(replace(after, sigmas=before.sigmas))
-    if old is None or new is None:
-        return None if new is not None else -np.inf
-    return old.state.cost - new.state.cost

@@ -1,0 +1,65 @@
+"""What trials that no fit saw say of a fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..identify.solve import FAINT, State, levenberg_marquardt, reduced
+from ..identify.trial import Piece
+from .bench import REFIT, Bench
+from .fit import Fit
+
+
+def held_out_gain(bench: Bench, before: Fit, after: Fit, enough: float) -> float | None:
+    """Log-likelihood that the held-out trials gain; None without such trials.
+
+    Where it is not ``enough`` with the parameters as fitted, they may move within their errors: what the fitted trials
+    leave open (a static friction above all that they show) may not refuse an effect on trials that tell it.
+    """
+    if bench.checked is None:
+        return None
+    after = replace(after, sigmas=before.sigmas)
+    old, new = bench.check(before), bench.check(after)
+    if old is None or new is None:
+        return None if new is not None else -np.inf
+    gain = old.state.cost - new.state.cost
+    if gain >= enough:
+        return gain
+    pair = surprise(bench, before), surprise(bench, after)
+    return gain if pair[0] is None or pair[1] is None else max(gain, pair[0] - pair[1])
+
+
+def surprise(bench: Bench, fit: Fit) -> float | None:
+    """Negative log-likelihood of the held-out trials given the fitted ones, the parameters integrated out.
+
+    With S the information of the fit on u, and C(u) the held-out trials' cost at their own best unknowns, Laplace's
+    approximation is min_u C(u) + (u - u_fit)' S (u - u_fit) / 2, plus half of log det (C'' + S) / det S. None without
+    such trials, or where they cannot be simulated.
+    """
+    found = bench.checking(fit) if fit.state.curved else None
+    if found is None:
+        return None
+    problem, _, first, plain = found
+    n, at = len(first.u), first.u
+    S = reduced(fit.state)[0] + FAINT * np.eye(n)
+
+    def evaluate(u, locals_, derivatives, ran: State | None = None, **options):
+        inner = None if ran is None else replace(ran, pieces=ran.pieces[:-1])
+        state = plain(u, locals_[:-1], derivatives, ran=inner, **options)
+        return None if state is None else _known(state, S, at)
+
+    solution = levenberg_marquardt(evaluate, _known(first, S, at), problem.space.limits, **REFIT)
+    state = solution.state
+    if not state.curved:
+        return None
+    change = np.linalg.slogdet(reduced(state)[0])[1] - np.linalg.slogdet(S)[1]
+    return state.cost + 0.5 * float(change)
+
+
+def _known(state: State, S: np.ndarray, at: np.ndarray) -> State:
+    """The state with what the fit knows as one more piece, without unknowns of its own."""
+    d = state.u - at
+    piece = Piece(0.5 * float(d @ S @ d), {}, gg=S, gl=np.zeros((len(d), 0)), grad_g=S @ d)
+    return State(state.u, (*state.locals, np.zeros(0)), (*state.pieces, piece))
