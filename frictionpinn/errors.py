@@ -65,3 +65,11 @@ def choose(name: str, table: dict, where: str):
         allowed=", ".join(sorted(table)),
         fix=nearest(name, table) or "use one of the allowed names",
     )
+
+
+def check_processes(number: object, where: str) -> int:
+    """Return a number of processes; raise :class:`UserError` for one that is no whole number from 1."""
+    if isinstance(number, bool) or not isinstance(number, int) or number < 1:
+        raise UserError("impossible number of processes", where=where, received=repr(number),
+                        allowed="a whole number from 1", fix="take the number of cores at most")  # fmt: skip
+    return number

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..errors import choose
+from ..errors import check_processes, choose
 from ..workflow.build import Config
 from ..workflow.manifest import write_json
 from ..workflow.result import commit, versions
@@ -42,6 +42,7 @@ def reproduce(cfg: Config) -> Path:
     """
     for name in cfg["parts"]:
         choose(name, PARTS, "parts")
+    check_processes(cfg["jobs"], "jobs")
     results, pages, target = (Path(cfg[key]) for key in ("results", "pages", "document"))
     for folder in (results, pages):
         folder.mkdir(parents=True, exist_ok=True)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UserError, choose
+from ..errors import UserError, check_processes, choose
 from ..evaluate.estimators import error_against_time, table
 from ..evaluate.trajectory import Trajectory, simulate, simulation_error, squared
 from ..evaluate.yardsticks import Candidate
@@ -60,7 +60,7 @@ def compare(cfg: Config) -> dict[str, Any]:
         friction force when the held-out trial is simulated with the estimate.
     """
     _check(cfg)
-    jobs = int(cfg["jobs"])
+    jobs = cfg["jobs"]
     work = partial(one_seed, cfg)
     if jobs > 1 and len(cfg["seeds"]) > 1:
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
@@ -215,6 +215,7 @@ def _check(cfg: Config) -> None:
         raise UserError("no estimators", where="methods", received=repr(methods), allowed=", ".join(ESTIMATORS))
     for method in methods:
         choose(method, dict.fromkeys(ESTIMATORS), "methods")
+    check_processes(cfg["jobs"], "jobs")
     seeds = cfg["seeds"]
     if not isinstance(seeds, list) or not seeds or any(not isinstance(s, int) or s < 0 for s in seeds):
         raise UserError("impossible seeds", where="seeds", received=repr(seeds), allowed="a list such as [0, 1, 2]")

@@ -82,9 +82,11 @@ TRANSFER = {
 }
 
 
-def test_an_unknown_part_is_answered_with_the_nearest_name(workdir):
+def test_impossible_parts_settings_and_jobs_are_answered_before_anything_runs(workdir):
     with pytest.raises(UserError, match="did you mean 'transfer'"):
         reproduce(default_config(["parts=[transfar]"], "reproduce"))
+    with pytest.raises(UserError, match="impossible number of processes: jobs is 0"):
+        reproduce(default_config(["jobs=0"], "reproduce"))
     with pytest.raises(UserError, match=r"setting.*allowed: brief, full, short"):
         cli.check_command_line(ROOT / "conf", "reproduce", ["setting=long"])
 

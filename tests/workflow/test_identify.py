@@ -145,6 +145,7 @@ def test_a_start_that_cannot_be_is_told_in_one_line(trained, tmp_path):
         (["methods=[nelder_meed]"], "did you mean 'nelder_mead'"),
         (["methods=[]"], "no estimators"),
         (["seeds=[]"], "impossible seeds"),
+        (["jobs=0"], "impossible number of processes"),
         (["data=csv", "data.path=run.csv"], "add bounds=data"),
         (["simulations=few"], "impossible number: simulations is 'few'; allowed: at least 1"),
         (["simulations=-5"], "impossible number: simulations is -5"),
