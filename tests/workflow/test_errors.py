@@ -86,7 +86,7 @@ def test_a_wrong_mapping_is_refused(check, csv, tmp_path, case):
 
 def test_an_unknown_file_is_refused_with_the_nearest_one(check, csv, tmp_path):
     csv()
-    message = r"unknown file: paths is .*runn.csv; allowed: in .* are run.csv; did you mean 'run.csv'"
+    message = r"unknown file: data\.path is .*runn.csv; allowed: in .* are run.csv; did you mean 'run.csv'"
     refused(check, tmp_path, message, "data=csv", f"data.path={tmp_path}/runn.csv")
     refused(check, tmp_path, r"a value is missing: data.path is nothing; add data.path=", "data=csv")
 
