@@ -105,11 +105,16 @@ def _expand(path: Path) -> list[Path]:
         return found
     if path.is_dir() or glob.has_magic(str(path)):
         raise UserError(
-            "no recordings found", where="data.path", received=str(path), allowed=f"files ending in {', '.join(ENDINGS)}"
+            "no recordings found",
+            where="data.path",
+            received=str(path),
+            allowed=f"files ending in {', '.join(ENDINGS)}",
         )
     folder = path.parent
     if not folder.is_dir():
-        raise UserError("unknown file", where="data.path", received=str(path), fix=f"the folder {folder} does not exist")
+        raise UserError(
+            "unknown file", where="data.path", received=str(path), fix=f"the folder {folder} does not exist"
+        )
     present = sorted(file.name for file in folder.iterdir() if ending(file))
     listed = ", ".join(present[:8]) + (f" and {len(present) - 8} more" if len(present) > 8 else "")
     raise UserError(

@@ -23,6 +23,7 @@ CONTENDERS = 7  # candidates that are refitted in a round
 ASTRAY = 300.0  # statistic from which the fit is taken to be in a wrong minimum for want of the effect
 WORTH = 0.5, 0.25  # of the best statistic: candidates with less are not refitted; where the fit is astray
 DECISIVE = 2.0  # log-likelihood of the held-out trials by which one of several rivals wins
+TIED = 1.0  # log-likelihood: of fits that differ by less, on either trials, the more usual effect stands first
 RIVAL = 6.0  # log-likelihood: candidates whose fits differ by less are not told apart
 PROMISING = 0.5  # of the cost beyond noise: contenders that take off less are not the first to search anew
 DEEP = 3  # contenders that are searched anew where no refit explains the residual
@@ -125,8 +126,9 @@ def _refitted(bench: Bench, before: Fit, classes: list[list[Tested]], others: Se
         # Beside a fit that leaves nothing but noise a candidate has to be as good from where it stands.
         found = add(bench, before, group[0], thorough=not _explained(fits))
         fits += [(group[0], found)] if found is not None else []
-    if bench.mechanism.memory and fits and not _explained(fits):
-        fits = _out_of_wrong_minima(bench, before, classes, fits, others)
+    if bench.mechanism.memory and fits:
+        astray = not _explained(fits)
+        fits = _out_of_wrong_minima(bench, before, classes, fits, others) if astray else _rivals_searched(bench, fits)
     fits.sort(key=lambda pair: penalised(pair[1]))
     for tested, fit in fits:
         gain = before.state.cost - fit.state.cost
@@ -169,6 +171,26 @@ def _searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Cont
     ]
 
 
+def _rivals_searched(bench: Bench, fits: Sequence[Contender]) -> list[Contender]:
+    """The fits, the best and those near it searched anew: of two that are much alike one may have stopped short."""
+    fits = sorted(fits, key=lambda pair: penalised(pair[1]))
+    near = sum(penalised(fit) < penalised(fits[0][1]) + NEAR for _, fit in fits[:DEEP])
+    if near < 2:
+        return fits
+    found = [(tested, bench.search(fit) or fit) for tested, fit in fits[:near]]
+    best = min((fit for _, fit in found), key=penalised)
+    for k, (tested, fit) in enumerate(found):
+        own = {name: fit.values[name] for name in (*tested.candidate.strengths, *tested.candidate.hidden)}
+        beside = None if fit is best else bench.refit(fit, fit.names, {**fit.values, **_shared(best, fit), **own})
+        if beside is not None and beside.state.cost < fit.state.cost:
+            found[k] = tested, beside
+    return [*found, *fits[near:]]
+
+
+def _shared(best: Fit, fit: Fit) -> dict[str, float]:
+    return {name: best.values[name] for name in fit.names if name in best.names}
+
+
 def _try_others(
     bench: Bench, before: Fit, classes: list[list[Tested]], fits: list[Contender], others: Sequence[Tested]
 ) -> None:
@@ -204,7 +226,9 @@ def _decide(
     judged = [(first, held), *((pair, held_out_gain(bench, before, pair[1], enough) or 0.0) for pair in near)]
     winner, best = max(judged[1:], key=lambda item: item[1])
     if best <= held + DECISIVE:
-        winner, best = first, held
+        least = penalised(first[1])
+        level = [(pair, gain) for pair, gain in judged if penalised(pair[1]) - least < TIED and held - gain < TIED]
+        winner, best = min(level, key=lambda item: item[0][0].candidate.usual)
     others = [(pair, gain) for pair, gain in judged if pair is not winner]
     name = winner[0].candidate.name
     worse = [
