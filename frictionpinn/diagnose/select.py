@@ -10,8 +10,9 @@ import numpy as np
 
 from .bench import Bench
 from .candidates import Candidate
-from .contest import Accepted, Refused, Settings, contest, needed, penalised
+from .contest import Accepted, Refused, Settings, contest, needed
 from .fit import Fit
+from .refits import penalised
 from .remainder import Remainder
 from .restarts import lifted, peaked
 from .scan import Scanned, Tested, scan
