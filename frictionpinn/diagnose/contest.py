@@ -117,8 +117,12 @@ def _decide(
     bench: Bench, before: Fit, first: Contender, held: float | None, near: Sequence[Contender], enough: float
 ) -> tuple[Contender, float | None, list[Contender], list[Refused]]:
     """Among fits that are about as good, the one that trials which no fit saw prefer; those that they reject."""
-    if held is None or not near:
-        return first, held, list(near), []
+    if held is None:
+        level = [first, *(pair for pair in near if penalised(pair[1]) - penalised(first[1]) < TIED)]
+        usual = min(level, key=lambda pair: pair[0].candidate.usual)
+        return usual, None, [pair for pair in (first, *near) if pair is not usual], []
+    if not near:
+        return first, held, [], []
     judged = [(first, held), *((pair, held_out_gain(bench, before, pair[1], enough) or 0.0) for pair in near)]
     winner, best = max(judged[1:], key=lambda item: item[1])
     if best <= held + DECISIVE:
