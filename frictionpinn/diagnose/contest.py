@@ -127,8 +127,8 @@ def _decide(
     winner, best = max(judged[1:], key=lambda item: item[1])
     if best <= held + DECISIVE:
         least = penalised(first[1])
-        level = [(pair, gain) for pair, gain in judged if penalised(pair[1]) - least < TIED and held - gain < TIED]
-        winner, best = min(level, key=lambda item: item[0][0].candidate.usual)
+        tied = [(pair, gain) for pair, gain in judged if penalised(pair[1]) - least < TIED and held - gain < TIED]
+        winner, best = min(tied, key=lambda item: item[0][0].candidate.usual)
     others = [(pair, gain) for pair, gain in judged if pair is not winner]
     name = winner[0].candidate.name
     worse = [
