@@ -109,21 +109,29 @@ def _figure(cases: list[dict], kinds: list[str]) -> None:
 
 
 def _power(cases: list[dict]) -> None:
-    shares = sorted({c["share"] for c in cases})
+    shares, kinds = sorted({c["share"] for c in cases}), list(dict.fromkeys(c["kind"] for c in cases))
+    table = np.full((len(kinds), len(shares)), np.nan)
+    for row, kind in enumerate(kinds):
+        for column, share in enumerate(shares):
+            own = [right(c) for c in cases if c["kind"] == kind and c["share"] == share]
+            table[row, column] = np.mean(own) if own else np.nan
+    seeds = len({c["seed"] for c in cases})
     lines = [f"{COMMAND} --power: share of recordings in which the effect is named, by size in % of the friction",
-             "", f"{'effect':24s}" + "".join(f"{100 * s:8.2f}" for s in shares)]  # fmt: skip
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    axes = figure.subplots()
-    for k, kind in enumerate(dict.fromkeys(c["kind"] for c in cases)):
-        rate = [np.mean([right(c) for c in cases if c["kind"] == kind and c["share"] == s] or [np.nan]) for s in shares]
-        lines.append(f"{kind:24s}" + "".join(f"{r:8.2f}" for r in rate))
-        axes.plot(100 * np.array(shares), rate, marker="osv^Dx*"[k % 7], label=kind.replace("_", " "), lw=1)
-    axes.set(xscale="log", xlabel="size, % of the friction force (rms)", ylabel="share of recordings where it is named",
-             title="smallest effects that a diagnosis names")  # fmt: skip
-    axes.legend(fontsize=7, ncols=2, frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
+             f"(recordings of each: {seeds})", "",
+             f"{'effect':24s}" + "".join(f"{100 * s:8.2f}" for s in shares)]  # fmt: skip
+    lines += [f"{kind:24s}" + "".join(f"{value:8.2f}" for value in row) for kind, row in zip(kinds, table, strict=True)]
     (RESULTS / "blind_power.txt").write_text("\n".join(lines) + "\n")
+    figure = Figure(figsize=(5, 6.5), layout="constrained")
+    axes = figure.subplots()
+    axes.imshow(table, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    for row, column in np.argwhere(np.isfinite(table)):
+        shade = "white" if table[row, column] > 0.5 else "black"
+        axes.text(column, row, f"{100 * table[row, column]:.0f}", ha="center", va="center", color=shade, fontsize=8)
+    axes.set_xticks(range(len(shares)), [f"{100 * s:g}" for s in shares])
+    axes.set_yticks(range(len(kinds)), [kind.replace("_", " ") for kind in kinds], fontsize=8)
+    axes.set(xlabel="size of the effect, % of the friction force (rms)",
+             title=f"named in % of the recordings ({seeds} of each)")  # fmt: skip
     figure.savefig(RESULTS / "blind_power.png", dpi=120)
-    print("\n".join(lines))
 
 
 if __name__ == "__main__":
