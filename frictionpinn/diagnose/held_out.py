@@ -15,8 +15,9 @@ from .fit import Fit
 def held_out_gain(bench: Bench, before: Fit, after: Fit, enough: float) -> float | None:
     """Log-likelihood that the held-out trials gain; None without such trials.
 
-    Where it is not ``enough`` with the parameters as fitted, they may move within their errors: what the fitted trials
-    leave open (a static friction above all that they show) may not refuse an effect on trials that tell it.
+    Where it is not ``enough`` with the parameters as fitted, those of a law with memory may move within their errors:
+    what the fitted trials leave open (a static friction above all that they show) may not refuse an effect on trials
+    that tell it. Other laws leave nothing so open.
     """
     if bench.checked is None:
         return None
@@ -25,7 +26,7 @@ def held_out_gain(bench: Bench, before: Fit, after: Fit, enough: float) -> float
     if old is None or new is None:
         return None if new is not None else -np.inf
     gain = old.state.cost - new.state.cost
-    if gain >= enough:
+    if gain >= enough or not bench.mechanism.memory:
         return gain
     pair = surprise(bench, before), surprise(bench, after)
     return gain if pair[0] is None or pair[1] is None else max(gain, pair[0] - pair[1])
