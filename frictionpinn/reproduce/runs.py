@@ -5,11 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import os
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -21,11 +19,11 @@ from ..workflow.estimate import default_config
 from ..workflow.evaluate import evaluate
 from ..workflow.members import train_seeds
 from ..workflow.result import write_json
+from ..workflow.threads import one_thread
 from ..workflow.train import train
 
 T = TypeVar("T")
 R = TypeVar("R")
-THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 QUIET = ("trainer.threads=1", "trainer.progress_bar=false", "trainer.accelerator=cpu")
 
 
@@ -126,18 +124,6 @@ def each(work: Callable[[T], R], items: Iterable[T], jobs: int) -> list[R]:
         return [work(task) for task in tasks]
     with one_thread(), ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=hush) as pool:
         return list(pool.map(work, tasks))
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Processes that start meanwhile compute with one thread: the waiting threads of two take each other's cores."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name) if value is None else os.environ.update({name: value})
 
 
 def hush() -> None:

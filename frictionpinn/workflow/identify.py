@@ -25,6 +25,7 @@ from .build import Config, build_data, build_system
 from .estimate import ESTIMATORS, NETWORKS, estimate, given_start
 from .manifest import write_json
 from .result import commit, versions
+from .threads import one_thread
 from .train import quiet
 from .trajectories import build_trajectories, recorded_trajectories, transferred
 
@@ -63,7 +64,7 @@ def compare(cfg: Config) -> dict[str, Any]:
     jobs = cfg["jobs"]
     work = partial(one_seed, cfg)
     if jobs > 1 and len(cfg["seeds"]) > 1:
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        with one_thread(), ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
             found = list(pool.map(work, cfg["seeds"]))
     else:
         found = [work(seed) for seed in cfg["seeds"]]

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from .manifest import MANIFEST, read_json, result_of, set_status, status_of
+from .threads import THREADS
 
 log = logging.getLogger(__name__)
 UNWRITTEN = "nothing can be written to its folder; is the disk full?"
@@ -104,7 +105,7 @@ def train_job(cfg: dict[str, Any], folder: str | Path) -> Outcome:
     """Train one job in a process of its own; what became of it is in its folder."""
     begin, folder = time.perf_counter(), Path(folder)
     threads = cfg["trainer"].get("threads")
-    environment = {key: str(threads) for key in ("OMP_NUM_THREADS", "MKL_NUM_THREADS")} if threads else {}
+    environment = dict.fromkeys(THREADS, str(threads)) if threads else {}
     code = _worker_for(environment).train(cfg, folder)
     result, status = result_of(folder), status_of(folder)
     if code is not None and result is None:
