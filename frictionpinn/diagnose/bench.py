@@ -154,15 +154,19 @@ class Bench:
         values: Mapping[str, float],
         sigmas: Mapping[str, float] | None = None,
         limits: Mapping[str, tuple[float, float]] | None = None,
+        **options: Any,
     ) -> Fit | None:
-        """Estimate ``names`` anew from these values and the fit's unknowns of the trials; None where that fails."""
+        """Estimate ``names`` anew from these values and the fit's unknowns of the trials; None where that fails.
+
+        ``options`` are those of :func:`levenberg_marquardt`.
+        """
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
         problem = self._problem(self.problem, names, values, limits, fit.models[0].simulator)
         evaluate = self._evaluator(problem, fit.models, sigmas)
         first = evaluate(problem.space.to_search(np.array([values[name] for name in problem.names])), fit.locals, True)
         if first is None:
             return None
-        found = levenberg_marquardt(evaluate, first, problem.space.limits, **REFIT)
+        found = levenberg_marquardt(evaluate, first, problem.space.limits, **(REFIT | options))
         return Fit(problem.names, problem.values(found.state.u), fit.models, found.state, sigmas)
 
     def settle(self, fit: Fit) -> Fit:
@@ -187,12 +191,16 @@ class Bench:
         return {name: min(max(value, limits[name][0]), limits[name][1]) for name, value in values.items()}
 
     def search(self, fit: Fit) -> Fit | None:
-        """Estimate the fit's parameters anew from all starts; None where nothing better is found."""
+        """Estimate the fit's parameters anew from all starts; None where nothing better is found.
+
+        A fit that holds the minima around it was found by such a search: only a static friction that vanished is
+        brought back to it.
+        """
         found: list[Fit] = []
-        for start in (*peaked(self.problem, fit.values), None):
+        for start in (*peaked(self.problem, fit.values), *(() if fit.minima else (None,))):
             made = self._anew(fit) if start is None else self.refit(fit, fit.names, start)
             found += [made] if made is not None and made.state.cost < fit.state.cost else []
-            if found and found[-1].explains:
+            if found and found[-1].explains and not fit.explains:  # out of the wrong minimum
                 break
         return min(found, key=lambda f: f.state.cost, default=None)
 

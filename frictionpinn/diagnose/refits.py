@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,8 +20,12 @@ CONTENDERS = 7  # candidates that are refitted in a round
 ASTRAY = 300.0  # statistic from which the fit is taken to be in a wrong minimum for want of the effect
 WORTH = 0.5, 0.25  # of the best statistic: candidates with less are not refitted; where the fit is astray
 PROMISING = 0.5  # of the cost beyond noise: contenders that take off less are not the first to search anew
+NEARLY = 0.1  # of the correlation before: a refit that leaves less explains nearly all
+MATES = 3  # of the best contender, if it leaves more than noise: refitted too
+ROUGH, BETTER = 6, 5  # iterations of a first look at candidates outside the classes, and how many are then refitted
 DEEP = 3  # contenders that are searched anew where no refit explains the residual
 NEAR = 50.0  # log-likelihood: rivals that are searched anew too, should the winner prove to be in a wrong minimum
+CLOSE = 0.7  # of the winner's gain: so near they are at least
 
 Contender = tuple[Tested, Fit]
 
@@ -33,12 +38,16 @@ def refitted(bench: Bench, before: Fit, classes: list[list[Tested]], others: Seq
         if group[0].beside is not None and _explained([pair for pair in fits if pair[0].candidate.name == name]):
             continue
         # Beside a fit that leaves nothing but noise a candidate has to be as good from where it stands.
-        found = add(bench, before, group[0], thorough=not _explained(fits))
+        found = add(bench, before, group[0], thorough=not _nearly(before, fits))
         fits += [(group[0], found)] if found is not None else []
     fits = _best_of_each(fits)
+    if fits and not _explained(fits):
+        fits += _alike_refitted(bench, before, classes, min(fits, key=lambda pair: penalised(pair[1])))
     if bench.mechanism.memory and fits:
-        astray = not _explained(fits)
-        fits = _out_of_wrong_minima(bench, before, classes, fits, others) if astray else _rivals_searched(bench, fits)
+        if _nearly(before, fits):
+            fits = _rivals_searched(bench, before, fits)
+        else:
+            fits = _out_of_wrong_minima(bench, before, classes, fits, others)
     fits.sort(key=lambda pair: penalised(pair[1]))
     for tested, fit in fits:
         gain = before.state.cost - fit.state.cost
@@ -56,6 +65,29 @@ def _best_of_each(fits: Sequence[Contender]) -> list[Contender]:
 
 def _explained(fits: Sequence[Contender]) -> bool:
     return any(fit.explains for _, fit in fits)
+
+
+def _nearly(before: Fit, fits: Sequence[Contender]) -> bool:
+    """Whether a fit leaves so little that what is left to do is to polish it, not to look elsewhere."""
+    return any(fit.explains or fit.correlation < NEARLY * before.correlation for _, fit in fits)
+
+
+def _alike_refitted(bench: Bench, before: Fit, classes: list[list[Tested]], best: Contender) -> list[Contender]:
+    """The best's class mates, refitted from its parameters: what the score tests could not tell apart a fit may.
+
+    Those that were refitted leave the class and are one each.
+    """
+    group = next(g for g in classes if g[0] is best[0])
+    own = {*best[0].candidate.strengths, *best[0].candidate.hidden}
+    values = before.values | {n: v for n, v in best[1].values.items() if n not in own}
+    fits: list[Contender] = []
+    for tested in group[1 : 1 + MATES]:
+        found = add(bench, replace(before, values=values), tested, thorough=False)
+        if found is not None:
+            fits.append((tested, found))
+            group.remove(tested)
+            classes.append([tested])
+    return fits
 
 
 def _out_of_wrong_minima(
@@ -89,10 +121,12 @@ def _searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Cont
     ]
 
 
-def _rivals_searched(bench: Bench, fits: Sequence[Contender]) -> list[Contender]:
+def _rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Contender]:
     """The fits, the best and those near it searched anew: of two that are much alike one may have stopped short."""
     fits = sorted(fits, key=lambda pair: penalised(pair[1]))
-    near = sum(penalised(fit) < penalised(fits[0][1]) + NEAR for _, fit in fits[:DEEP])
+    gain = before.state.cost - fits[0][1].state.cost
+    reach_ = penalised(fits[0][1]) + min(NEAR, CLOSE * gain)  # those that gain nothing are no rivals
+    near = sum(penalised(fit) < reach_ for _, fit in fits[:DEEP])
     if near < 2:
         return fits
     found = [(tested, bench.search(fit) or fit) for tested, fit in fits[:near]]
@@ -112,16 +146,28 @@ def _shared(best: Fit, fit: Fit) -> dict[str, float]:
 def _try_others(
     bench: Bench, before: Fit, classes: list[list[Tested]], fits: list[Contender], others: Sequence[Tested]
 ) -> None:
-    """Refit candidates outside the classes, each as a class of its own, until one explains the residual."""
+    """Refit the best candidates outside the classes, each as a class of its own, until one explains the residual."""
     known = [group[0].trace for group in classes]
-    for tested in others:
-        if any(abs(float(trace @ tested.trace)) >= ALIKE for trace in known):
-            continue
+    left = [t for t in others if all(abs(float(trace @ t.trace)) < ALIKE for trace in known)]
+    looks = [(tested, _look(bench, before, tested)) for tested in left]
+    ranked = sorted(((t, f) for t, f in looks if f is not None), key=lambda pair: penalised(pair[1]))
+    for tested, _ in ranked[:BETTER]:
         found = add(bench, before, tested, thorough=False)
         classes.append([tested])
         fits += [(tested, found)] if found is not None else []
         if found is not None and found.explains:
             return
+
+
+def _look(bench: Bench, fit: Fit, tested: Tested) -> Fit | None:
+    """A few iterations with a candidate, from neutral: enough to rank it."""
+    names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
+    back = lifted(bench.problem, bench.sizes, fit.values)
+    fits = []
+    for base in (fit.values, *([back] if back else [])):
+        values = bench.clip({**base, **tested.shape})
+        fits.append(bench.refit(fit, names, values, limits=reach(tested), iterations=ROUGH))
+    return min((f for f in fits if f is not None), key=penalised, default=None)
 
 
 def contenders(significant: Sequence[Tested]) -> list[list[Tested]]:
@@ -149,10 +195,14 @@ def add(bench: Bench, fit: Fit, tested: Tested, thorough: bool = True) -> Fit | 
     names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
     worth = fit.state.cost - 0.3 * tested.statistic / 2
     tries: list[Fit] = []
-    astray = thorough and tested.statistic > ASTRAY
-    bases = [fit.values, *({**fit.values, **start} for start in (bench.starts if astray else ()))]
     back = lifted(bench.problem, bench.sizes, fit.values)
-    for base in [*bases, *([back] if back else []), *([tested.beside] if tested.beside else [])]:
+    if tested.beside is not None:
+        bases, worth = [tested.beside], fit.state.cost  # its statistic is that beside a fit held elsewhere
+    else:
+        astray = thorough and tested.statistic > ASTRAY
+        bases = [fit.values, *({**fit.values, **start} for start in (bench.starts if astray else ()))]
+        bases += [back] if back else []
+    for base in bases:
         # From neutral, since Gauss-Newton moves all parameters together; from its step where that fails.
         for share in (0.0, 1.0):
             values = {**base, **tested.shape} | {name: share * value for name, value in step.items()}

@@ -81,14 +81,33 @@ def select(
         if accepted is None:
             break
         selection.accepted.append(accepted)
-        if bench.mechanism.memory:  # the likelihood is rugged
-            selection.fit = bench.settle(selection.fit)
-        _rescan(bench, selection, options, remainders, places)
-        if bench.mechanism.memory and _doubtful(bench, selection, options, settings) and _deepen(bench, selection):
-            _rescan(bench, selection, options, remainders, places)
-        if _drop(bench, selection, settings):
-            _rescan(bench, selection, options, remainders, places)
+        _polish(bench, selection, options, remainders, places, settings)
     return selection
+
+
+def _polish(
+    bench: Bench,
+    selection: Selection,
+    options: Sequence[Candidate],
+    remainders: Sequence[Remainder],
+    places: Mapping[str, float],
+    settings: Settings,
+) -> None:
+    """Search the likelihood with the effect that was added, take out what it makes superfluous, and scan what is left.
+
+    The likelihood of a law with memory is rugged.
+    """
+    rugged = bench.mechanism.memory
+    if rugged:
+        selection.fit = bench.settle(selection.fit)
+    deepened = rugged and not selection.fit.explains
+    if deepened:
+        _deepen(bench, selection)
+    _drop(bench, selection, settings)
+    _rescan(bench, selection, options, remainders, places)
+    if rugged and not deepened and _doubtful(selection, options, settings) and _deepen(bench, selection):
+        _drop(bench, selection, settings)
+        _rescan(bench, selection, options, remainders, places)
 
 
 def _rescan(
@@ -142,18 +161,17 @@ def _held(bench: Bench, fit: Fit, starts: Sequence[Mapping[str, float]]) -> Fit 
     return min((f for f in fits if f is not None), key=lambda f: f.state.cost, default=None)
 
 
-def _doubtful(bench: Bench, selection: Selection, options: Sequence[Candidate], settings: Settings) -> bool:
-    """Whether something is significant still, a candidate or a variable, or the residual is correlated in time."""
-    if not selection.fit.explains:
-        return True
+def _doubtful(selection: Selection, options: Sequence[Candidate], settings: Settings) -> bool:
+    """Whether something is significant still, a candidate or a variable."""
     tests = [t.log_p + np.log10(len(options)) for t in selection.last.tested]
-    tests += [m.log_p + np.log10(len(selection.last.remaining)) for m in selection.last.remaining]
-    return min(tests, default=0.0) < settings.log_p
+    return min(tests, default=0.0) < settings.log_p or _remains(selection, settings)
 
 
 def _deepen(bench: Bench, selection: Selection) -> bool:
     """Search the last model and its close rivals from all starts: where one was fitted to a wrong minimum, what is left
     looks like an effect. Says whether the fit changed."""
+    if not selection.accepted:
+        return False
     last = selection.accepted[-1]
     best, choice, cost = selection.fit, last, penalised(selection.fit)
     for tested, fit in ((last.tested, selection.fit), *last.close):
@@ -170,13 +188,12 @@ def _deepen(bench: Bench, selection: Selection) -> bool:
     return changed
 
 
-def _drop(bench: Bench, selection: Selection, settings: Settings) -> bool:
+def _drop(bench: Bench, selection: Selection, settings: Settings) -> None:
     """Take out effects without which the fit is as good from where it is now.
 
     Those that came first may not be needed beside later ones; and the last may have gained nothing but a way out of a
     wrong minimum.
     """
-    changed = False
     for accepted in tuple(selection.accepted):
         own = {*accepted.candidate.strengths, *accepted.candidate.hidden}
         others = {
@@ -190,11 +207,10 @@ def _drop(bench: Bench, selection: Selection, settings: Settings) -> bool:
             selection.refused.append(
                 Refused(accepted.candidate, f"not needed in the end ({loss:+.1f} in log-likelihood without it)")
             )
-            selection.fit, changed = found, True
+            selection.fit = found
             selection.accepted.remove(accepted)
             if not selection.accepted:
                 selection.base = found
-    return changed
 
 
 def _reweighted(bench: Bench, fit: Fit, scanned: Scanned) -> Fit:
