@@ -1,0 +1,114 @@
+"""Which candidates are refitted, and which fits are searched anew."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from frictionpinn.diagnose import bench as benches
+from frictionpinn.diagnose import refits
+from frictionpinn.diagnose.bench import Bench
+from frictionpinn.diagnose.candidates import Candidate
+from frictionpinn.diagnose.refits import BETTER, refitted
+
+
+def fit(cost: float, correlation: float = 50.0):
+    """A stub of a fit: what remains of it is noise where its correlation is below 4.5."""
+    return SimpleNamespace(
+        names=("mu_c",), values=defaultdict(float, mu_c=0.3), count=1000, state=SimpleNamespace(cost=cost),
+        correlation=correlation, explains=correlation < 4.5, minima=(),
+    )  # fmt: skip
+
+
+def option(effect: str, trace: int = 0):
+    own = np.eye(40)[trace]
+    return SimpleNamespace(candidate=Candidate(effect, effect, (effect,)), beside=None, trace=own, shape={})
+
+
+@pytest.fixture
+def tries(monkeypatch):
+    """What was refitted and what was searched; ``found`` tells the fit of each candidate, ``better`` a search's."""
+    seen = SimpleNamespace(refitted=[], searched=[], found={}, better={})
+
+    def add(bench, before, t, thorough=True):
+        seen.refitted.append(t.candidate.effect)
+        return seen.found[t.candidate.effect]
+
+    def search(found):
+        seen.searched.append(found)
+        return seen.better.get(id(found))
+
+    seen.bench = SimpleNamespace(
+        mechanism=SimpleNamespace(memory=True), search=search, refit=lambda *a, **k: None, clip=dict
+    )
+    monkeypatch.setattr(refits, "add", add)
+    monkeypatch.setattr(refits, "replace", lambda item, **changes: SimpleNamespace(**(vars(item) | changes)))
+    return seen
+
+
+def names(fits):
+    return [t.candidate.effect for t, _ in fits]
+
+
+def test_what_score_tests_cannot_tell_apart_is_refitted_where_the_first_of_them_leaves_more_than_noise(tries):
+    tries.found = {"constant_force": fit(110, 8.0), "asymmetry": fit(100, 1.0)}
+    classes = [[option("constant_force"), option("asymmetry")]]
+    assert names(refitted(tries.bench, fit(1000), classes, ())) == ["asymmetry", "constant_force"]
+    assert [names([(t, None) for t in group]) for group in classes] == [["constant_force"], ["asymmetry"]]
+
+
+def test_what_score_tests_cannot_tell_apart_stays_one_class_where_the_first_of_them_explains_the_residual(tries):
+    tries.found = {"constant_force": fit(110, 1.0), "asymmetry": fit(100, 1.0)}
+    classes = [[option("constant_force"), option("asymmetry")]]
+    assert names(refitted(tries.bench, fit(1000), classes, ())) == ["constant_force"]
+    assert len(classes) == 1
+
+
+def test_rivals_within_reach_are_searched_anew_and_those_that_gain_nothing_are_not(tries):
+    drag, ripple, idle = fit(80, 1.0), fit(84, 1.0), fit(100, 1.0)
+    tries.found = {"drag": drag, "ripple": ripple, "adhesion": idle}
+    tries.better = {id(ripple): fit(50, 1.0)}
+    classes = [[option("drag", 0)], [option("ripple", 1)], [option("adhesion", 2)]]
+    assert names(refitted(tries.bench, fit(100, 1.0), classes, ())) == ["ripple", "drag", "adhesion"]
+    assert tries.searched == [drag, ripple]
+
+
+def test_where_no_contender_explains_the_residual_the_best_of_all_others_are_refitted(tries):
+    others = [option(f"effect_{k}", k) for k in range(12)]
+    tries.found = {t.candidate.effect: fit(1000 - k, 40.0) for k, t in enumerate(others)}
+    tries.bench.problem = tries.bench.sizes = None
+    looks = {f"effect_{k}": fit(900 - k) for k in range(12)}
+    refits_look = {(*fit(0).names, name): found for name, found in looks.items()}
+    tries.bench.refit = lambda before, own, values, **options: refits_look.get(tuple(own))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(refits, "lifted", lambda *a: None)
+        patch.setattr(refits, "reach", lambda t: {})
+        classes = [[others[0]]]
+        refitted(tries.bench, fit(1000), classes, others)
+    assert tries.refitted == ["effect_0", *(f"effect_{k}" for k in range(11, 11 - BETTER, -1))]
+    assert len(classes) == 1 + BETTER
+
+
+@pytest.mark.parametrize(("correlation", "tried"), [(30.0, 2), (1.0, 3)])
+def test_a_search_ends_at_a_start_that_explains_only_where_the_fit_did_not(monkeypatch, correlation, tried):
+    starts = [{"v_s": 0.01}, {"v_s": 0.02}]
+    found = iter([fit(95, 20.0 if correlation > 4.5 else 1.0), fit(94, 1.0), fit(50, 1.0)])
+    monkeypatch.setattr(benches, "peaked", lambda problem, values: starts)
+    seen = []
+    stub = SimpleNamespace(
+        problem=None, refit=lambda *a: seen.append(a) or next(found), _anew=lambda f: seen.append(f) or next(found)
+    )
+    best = Bench.search(stub, fit(100, correlation))
+    assert len(seen) == tried
+    assert best.state.cost == (94 if tried == 2 else 50)
+
+
+def test_a_fit_that_was_searched_already_is_only_tried_with_its_static_friction_brought_back(monkeypatch):
+    monkeypatch.setattr(benches, "peaked", lambda problem, values: [])
+    searched = fit(100)
+    searched.minima = (object(), object())
+    stub = SimpleNamespace(problem=None, _anew=lambda f: pytest.fail("searched again"))
+    assert Bench.search(stub, searched) is None
