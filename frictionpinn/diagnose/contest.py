@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from .bench import Bench
 from .candidates import Candidate
 from .fit import Fit
-from .held_out import held_out_gain
+from .held_out import compared_gain, held_out_gain
 from .refits import DEEP, NEAR, Contender, contenders, penalised, refitted
 from .scan import Tested
 
@@ -90,7 +90,7 @@ def contest(
             refused.append(Refused(tested.candidate, why))
             continue
         near = [pair for pair in fits[k + 1 :] if penalised(pair[1]) - penalised(fit) < RIVAL]
-        (tested, fit), held, near, worse = _decide(bench, before, (tested, fit), held, near, settings.gain)
+        (tested, fit), held, near, worse = _decide(bench, before, (tested, fit), held, near)
         gain = before.state.cost - fit.state.cost
         same = next(group for group in classes if group[0] is tested)[1:]
         alike = [(t.candidate, {n: t.step[n] for n in t.candidate.strengths}) for t in same]
@@ -114,7 +114,7 @@ def _proof(bench: Bench, before: Fit, tested: Tested, fit: Fit, settings: Settin
 
 
 def _decide(
-    bench: Bench, before: Fit, first: Contender, held: float | None, near: Sequence[Contender], enough: float
+    bench: Bench, before: Fit, first: Contender, held: float | None, near: Sequence[Contender]
 ) -> tuple[Contender, float | None, list[Contender], list[Refused]]:
     """Among fits that are about as good, the one that trials which no fit saw prefer; those that they reject."""
     if held is None:
@@ -123,7 +123,8 @@ def _decide(
         return usual, None, [pair for pair in (first, *near) if pair is not usual], []
     if not near:
         return first, held, [], []
-    judged = [(first, held), *((pair, held_out_gain(bench, before, pair[1], enough) or 0.0) for pair in near)]
+    judged = [(pair, compared_gain(bench, before, pair[1])) for pair in (first, *near)]
+    held = judged[0][1]
     winner, best = max(judged[1:], key=lambda item: item[1])
     if best <= held + DECISIVE:
         least = penalised(first[1])

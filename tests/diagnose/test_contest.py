@@ -22,11 +22,11 @@ def contender(effect: str, cost: float, held: float = 0.0):
 
 @pytest.fixture(autouse=True)
 def held_out(monkeypatch):
-    monkeypatch.setattr(contest, "held_out_gain", lambda bench, before, fit, enough: fit.held)
+    monkeypatch.setattr(contest, "compared_gain", lambda bench, before, fit: fit.held)
 
 
 def decided(first, *near):
-    winner, _, alike, worse = _decide(None, None, first, first[1].held, list(near), 1.0)
+    winner, _, alike, worse = _decide(None, None, first, first[1].held, list(near))
     return winner[0].candidate.effect, [p[0].candidate.effect for p in alike], [r.candidate.effect for r in worse]
 
 

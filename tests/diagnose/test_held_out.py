@@ -10,7 +10,7 @@ from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.fit import Fit
-from frictionpinn.diagnose.held_out import held_out_gain, surprise
+from frictionpinn.diagnose.held_out import compared_gain, held_out_gain, surprise
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
@@ -62,8 +62,17 @@ def test_a_gain_is_that_of_the_parameters_as_fitted_where_it_is_enough(bench):
     assert held_out_gain(bench, fit, off(fit, "sigma_2", 1.5, known=False), 1.0) > -15
 
 
+def test_rivals_are_compared_with_what_the_fitted_trials_leave_open_free_to_move(bench):
+    fit = bench.base()
+    open_, told = (off(fit, "sigma_2", 1.5, known=known) for known in (False, True))
+    assert held_out_gain(bench, told, open_, -1.0) == pytest.approx(0.0, abs=1e-6)  # the same parameters
+    assert compared_gain(bench, told, open_) > 50
+    assert compared_gain(bench, open_, told) == pytest.approx(-compared_gain(bench, told, open_))
+
+
 def test_without_held_out_trials_there_is_nothing_to_say(bench):
     empty = Bench.__new__(Bench)
     empty.__dict__ |= bench.__dict__ | {"checked": None}
     fit = bench.base()
     assert held_out_gain(empty, fit, fit, 1.0) is None and surprise(empty, fit) is None
+    assert compared_gain(empty, fit, fit) == 0.0
