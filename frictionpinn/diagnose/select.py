@@ -12,7 +12,7 @@ from .bench import Bench
 from .candidates import Candidate
 from .contest import Accepted, Refused, Settings, contest, needed
 from .fit import Fit
-from .refits import penalised
+from .refits import add, penalised
 from .remainder import Remainder
 from .restarts import lifted, peaked
 from .scan import Scanned, Tested, scan
@@ -103,7 +103,8 @@ def _polish(
     deepened = rugged and not selection.fit.explains
     if deepened:
         _deepen(bench, selection)
-    _drop(bench, selection, settings)
+    if _drop(bench, selection, settings) and rugged and not selection.fit.explains:
+        selection.fit = bench.settle(selection.fit)
     _rescan(bench, selection, options, remainders, places)
     if rugged and not deepened and _doubtful(selection, options, settings) and _deepen(bench, selection):
         _drop(bench, selection, settings)
@@ -188,20 +189,20 @@ def _deepen(bench: Bench, selection: Selection) -> bool:
     return changed
 
 
-def _drop(bench: Bench, selection: Selection, settings: Settings) -> None:
+def _drop(bench: Bench, selection: Selection, settings: Settings) -> bool:
     """Take out effects without which the fit is as good from where it is now.
 
     Those that came first may not be needed beside later ones; and the last may have gained nothing but a way out of a
-    wrong minimum.
+    wrong minimum. Says whether there were any.
     """
-    for accepted in tuple(selection.accepted):
+    before = tuple(selection.accepted)
+    for accepted in before:
         own = {*accepted.candidate.strengths, *accepted.candidate.hidden}
         others = {
             n for a in selection.accepted if a is not accepted for n in (*a.candidate.strengths, *a.candidate.hidden)
         }
         names = tuple(n for n in selection.fit.names if n not in own - others)
-        neutral = dict.fromkeys(accepted.candidate.strengths, 0.0)
-        found = bench.refit(selection.fit, names, selection.fit.values | neutral)
+        found = _without(bench, selection, accepted, names)
         if found is not None and found.state.cost - selection.fit.state.cost < needed(accepted.tested, settings):
             loss = found.state.cost - selection.fit.state.cost
             selection.refused.append(
@@ -211,6 +212,26 @@ def _drop(bench: Bench, selection: Selection, settings: Settings) -> None:
             selection.accepted.remove(accepted)
             if not selection.accepted:
                 selection.base = found
+    return len(selection.accepted) < len(before)
+
+
+def _without(bench: Bench, selection: Selection, accepted: Accepted, names: Sequence[str]) -> Fit | None:
+    """The fit without an effect, from where it is now and, with one other, from where that is found anew.
+
+    A long ripple and a spring make the force of another spring between them: without the ripple its place is elsewhere.
+    """
+    fit, others = selection.fit, [a.candidate for a in selection.accepted if a is not accepted]
+    here = fit.values | dict.fromkeys(accepted.candidate.strengths, 0.0)
+    found = [bench.refit(fit, names, here)]
+    if len(others) == 1:
+        (other,) = others
+        own = {*other.strengths, *other.hidden}
+        values = here | dict.fromkeys(other.strengths, 0.0)
+        bare = bench.refit(fit, tuple(n for n in names if n not in own), values, iterations=0)
+        found += (
+            [] if bare is None else [add(bench, bare, scan(bench, bare, [other], (), {}).tested[0], thorough=False)]
+        )
+    return min((f for f in found if f is not None), key=lambda f: f.state.cost, default=None)
 
 
 def _reweighted(bench: Bench, fit: Fit, scanned: Scanned) -> Fit:
