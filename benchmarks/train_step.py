@@ -19,7 +19,8 @@ import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from frictionpinn.workflow.build import build_data, build_model, build_system
+from frictionpinn.workflow.build import build_system
+from frictionpinn.workflow.experiment import build_data, build_model
 from frictionpinn.workflow.train import build_trainer, quiet
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import qmc
 
-from ..models.start import DECADES
 from ..physics.mechanism import Mechanism
+from ..physics.scan import DECADES
 from .motion import Motion, effective_mass, sliding_regression
 from .parallel import in_parallel
 from .solve import Evaluate, Solution, levenberg_marquardt

@@ -9,8 +9,7 @@ import numpy as np
 from ..data.contact import ContactTrial
 from ..errors import UserError
 from ..physics import FrictionLaw
-
-DECADES = 2.0  # half-width of a default search range: two decades to either side of the start
+from ..physics.scan import DECADES
 
 
 def data_scales(trials: Sequence[ContactTrial]) -> dict[str, float]:

@@ -19,6 +19,8 @@ SCALES = {
     "frequency": "one over the length of the longest trial, Hz",
 }
 
+DECADES = 2.0  # half-width of a default search range: two decades to either side of the start
+
 
 @dataclass(frozen=True)
 class Scan:

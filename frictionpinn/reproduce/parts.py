@@ -12,7 +12,7 @@ from typing import Any
 from ..errors import check_processes, choose
 from ..workflow.build import Config
 from ..workflow.manifest import write_json
-from ..workflow.result import commit, versions
+from ..workflow.provenance import commit, versions
 from . import ablation, equations, fidelity, identification, transfer
 from .document import document
 from .runs import hush, read

@@ -1,4 +1,4 @@
-"""Build every part of an experiment from its configuration (plain values, as resolved by Hydra)."""
+"""Build what a recording comes from and goes through, from a configuration (plain values, as resolved by Hydra)."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 
 from ..data.check import check_trial
-from ..data.contact import ContactTrial, contact_trials
-from ..data.module import TrajectoryData, split_trials
 from ..data.noise import GaussianNoise, Noise, NoNoise, OutlierNoise, QuantisedNoise
 from ..data.prepare import thin
 from ..data.read import read_recording
@@ -18,11 +16,9 @@ from ..data.recording import Recording
 from ..data.sets import load_public
 from ..data.simulated import simulate_recording
 from ..errors import UserError, choose
-from ..models import MODELS, FrictionModel
-from ..models.start import complete, data_scales
 from ..numerics.kalman import KalmanFilter, KalmanSmoother
 from ..numerics.smoothing import NoSmoothing, SavitzkyGolay, Smoother, SmoothingSpline
-from ..physics import LAWS, SYSTEMS, System
+from ..physics import SYSTEMS, System
 
 Config = dict[str, Any]
 LARGEST = 1e50  # of a recorded value: its powers still are numbers
@@ -41,7 +37,7 @@ SMOOTHING: dict[str, tuple[Callable[..., Any], Callable[..., Any]]] = {
 }
 
 
-def _mapping(cfg: Config, key: str, where: str) -> dict[str, Any]:
+def mapping(cfg: Config, key: str, where: str) -> dict[str, Any]:
     """A table of the configuration, empty for null; :class:`UserError` for anything else."""
     value = cfg.get(key)
     if value is not None and not isinstance(value, dict):
@@ -72,7 +68,7 @@ def build_smoothing(cfg: Config) -> tuple[Smoother, Smoother]:
     offline, online = choose(cfg["name"], SMOOTHING, "smoothing")
     makers = {"offline": offline, "online": online}
     two_sided, causal = (
-        _make(make, _mapping(cfg, key, "smoothing"), f"smoothing.{key}") for key, make in makers.items()
+        _make(make, mapping(cfg, key, "smoothing"), f"smoothing.{key}") for key, make in makers.items()
     )
     return two_sided, causal
 
@@ -126,7 +122,7 @@ def _from_files(cfg: Config, system: System) -> Recording:
     known = system.signal_units
     trial_column = cfg.get("trial_column")
     present = columns_of(_paths(cfg["path"])[0])
-    columns = _mapping(cfg, "columns", "data")
+    columns = mapping(cfg, "columns", "data")
     if cfg.get("columns") is None:
         columns = {name: name for name in known if name in present}
         columns.setdefault("t", "t")
@@ -139,10 +135,10 @@ def _from_files(cfg: Config, system: System) -> Recording:
     recording = read_recording(
         _paths(cfg["path"]),
         columns=columns,
-        units=_mapping(cfg, "units", "data") or {"default": "SI"},
+        units=mapping(cfg, "units", "data") or {"default": "SI"},
         signal_units=known,
         trial_column=trial_column,
-        gains=_mapping(cfg, "gains", "data"),
+        gains=mapping(cfg, "gains", "data"),
     )
     for trial in recording.trials:
         for name, values in trial.signals.items():
@@ -202,56 +198,3 @@ def seed_of(cfg: Config) -> int:
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**32:
         raise UserError("impossible seed", where="seed", received=repr(seed), allowed="a whole number from 0")
     return seed
-
-
-def build_data(cfg: Config, system: System) -> TrajectoryData:
-    """Recording, noise, smoothing and split of the experiment."""
-    clean = build_recording(cfg["data"], system)
-    noisy = build_noise(cfg["noise"])(clean, seed_of(cfg))
-    table = cfg["data"]
-    splits = split_trials(clean.names, table.get("held_out"), table.get("validation"), table.get("training_trials"))
-    offline, online = build_smoothing(cfg["smoothing"])
-    trials = contact_trials(noisy, system, offline, online, splits["train"])
-    _require_force(trials, splits["train"])
-    return TrajectoryData(noisy, trials, splits, cfg["data"].get("steps_per_epoch", 1))
-
-
-def _require_force(trials: list[ContactTrial], train: list[str]) -> None:
-    if all(float(abs(trial.offline["friction_force"]).max()) == 0.0 for trial in trials if trial.name in train):
-        raise UserError(
-            "the motion implies no friction force at all",
-            where="data",
-            received="0 in every training sample",
-            allowed="a recording in which friction acts",
-            fix="check the mapping of columns and the system's parameters",
-        )
-
-
-def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionModel:
-    """The variant of the configuration; scales and unspecified start values come from the training trials."""
-    model, friction = dict(cfg["model"]), cfg["friction"]
-    kind = choose(model["name"], MODELS, "model")
-    train = data.select("train")
-    scales = data_scales(train)
-    common = {key: model[key] for key in ("name", "inputs", "network", "loss")}
-    given = _mapping(model, "windows", "model")
-    inputs = model["inputs"] if isinstance(model["inputs"], list) else []
-    windows = {name: given.get(name, [[1, 0]]) for name in map(str, inputs)}
-    common |= {"inputs": inputs, "windows": windows, "optimizer": cfg["optimizer"], "scales": scales}
-    common["context"] = {"system": cfg["system"]["name"], "equations": system.equations, "values": dict(system.values)}
-    if not model["name"].startswith("pe"):
-        return kind(**common)
-    law = choose(friction["name"], LAWS, "friction")()
-    wanted, limits = _mapping(friction, "start", "friction"), _mapping(friction, "bounds", "friction")
-    if cfg["system"].get("augmented"):
-        from ..diagnose.augmented import folded
-
-        saved = folded(cfg["system"]["augmented"])[1]
-        wanted = {name: saved.get(name) if wanted.get(name) is None else wanted[name] for name in wanted}
-    start, bounds = complete(law, wanted, limits, scales)
-    plain = {"name": law.name, "start": start, "bounds": {key: list(value) for key, value in bounds.items()}}
-    plain |= {
-        "fixed": {key: value for key, value in _mapping(friction, "fixed", "friction").items() if value is not None},
-        "tie_sigma1": bool(friction.get("tie_sigma1", False)),
-    }
-    return kind(**common, law=plain, bristle=model.get("bristle", "load"))

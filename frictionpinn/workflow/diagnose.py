@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ..data.module import split_trials
 from ..data.recording import Recording, Trial
+from ..data.split import split_trials
 from ..diagnose.augmented import save_augmented
 from ..diagnose.diagnosis import Diagnosis
 from ..diagnose.diagnosis import diagnose as run_diagnosis
@@ -24,9 +24,9 @@ from ..identify.result import plain
 from ..physics import LAWS
 from ..physics.effects import EFFECTS
 from ..physics.mechanism import Mechanism
-from .build import Config, build_noise, build_recording, build_system, check_pairing
-from .result import commit, versions, write_json
-from .train import seed_of
+from .build import Config, build_noise, build_recording, build_system, check_pairing, seed_of
+from .manifest import write_json
+from .provenance import commit, versions
 
 log = logging.getLogger(__name__)
 

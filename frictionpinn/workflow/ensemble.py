@@ -15,7 +15,8 @@ from ..errors import UserError, choose
 from ..evaluate.force import reference_force
 from ..models import FrictionEnsemble, FrictionModel
 from ..physics import System
-from .build import Config, build_data, build_model, seed_of
+from .build import Config, seed_of
+from .experiment import build_data, build_model
 
 COVERAGE, NORMAL = 0.95, 1.96  # of the interval, and standard deviations of a normal distribution that hold it
 

@@ -20,7 +20,8 @@ from ..identify.problem import Problem
 from ..identify.result import CONVERGED, Estimate
 from ..identify.search_methods import METHODS, search
 from ..physics.mechanism import Mechanism
-from .build import Config, build_model, build_smoothing
+from .build import Config, build_smoothing
+from .experiment import build_model
 from .load import trained_parameters
 from .train import build_trainer, quiet
 

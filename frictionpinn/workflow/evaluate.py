@@ -19,11 +19,12 @@ from ..evaluate.published import add_published
 from ..evaluate.trajectory import Trajectory, compare
 from ..models import FrictionModel
 from ..physics import LAWS, System
-from .build import Config, build_data, build_system
+from .build import Config, build_system
+from .experiment import build_data
 from .load import load_run
 from .manifest import write_json
 from .methods import build_methods
-from .result import commit, versions
+from .provenance import commit, versions
 from .train import quiet
 from .trajectories import build_trajectories, recorded_trajectories, transferred
 

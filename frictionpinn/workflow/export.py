@@ -19,7 +19,7 @@ from ..physics import System
 from .build import Config, build_recording
 from .load import load_run, refined
 from .manifest import write_json
-from .result import commit, versions
+from .provenance import commit, versions
 from .train import quiet
 
 log = logging.getLogger(__name__)

@@ -21,10 +21,11 @@ from ..identify.result import Estimate, plain
 from ..numerics.simulate import Simulator
 from ..physics import LAWS
 from ..physics.mechanism import Mechanism
-from .build import Config, build_data, build_system
+from .build import Config, build_system
 from .estimate import ESTIMATORS, NETWORKS, estimate, given_start
+from .experiment import build_data
 from .manifest import write_json
-from .result import commit, versions
+from .provenance import commit, versions
 from .threads import one_thread
 from .train import quiet
 from .trajectories import build_trajectories, recorded_trajectories, transferred

@@ -10,7 +10,8 @@ from pathlib import Path
 import torch
 
 from ..models import FrictionEnsemble, FrictionModel
-from .build import Config, build_data, build_system
+from .build import Config, build_system
+from .experiment import build_data
 from .load import load_run
 from .manifest import write_json
 from .result import report

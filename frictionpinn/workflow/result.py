@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import platform
-import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +9,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from .. import __version__
 from ..data.contact import ContactTrial
 from ..data.module import TrajectoryData
 from ..evaluate.characteristics import characteristics
@@ -26,9 +22,9 @@ from .build import Config
 from .dashboard import show_figures, show_hyper_parameters
 from .ensemble import band, member_spread, uncertainty
 from .manifest import write_json as write_json
+from .provenance import commit, versions
 
 GRID = 61  # values of velocity and of normal force in the figure of characteristics
-PACKAGES = ("torch", "lightning", "hydra-core", "numpy", "scipy", "sympy", "numba")
 
 
 def report(
@@ -157,25 +153,6 @@ def figures(
 def readable(unit: str) -> str:
     """Unit as people write it: N*m becomes N m."""
     return unit.replace("*", " ")
-
-
-def versions() -> dict[str, str]:
-    """Versions of what a result depends on."""
-    found = {name: importlib.metadata.version(name) for name in PACKAGES}
-    return {"frictionpinn": __version__, "python": platform.python_version(), **found}
-
-
-def commit() -> str | None:
-    """Commit of the source tree, with "+changes" where it is modified; None outside a repository."""
-
-    def git(*arguments: str) -> str:
-        root = Path(__file__).resolve().parents[2]
-        return subprocess.run(("git", *arguments), cwd=root, capture_output=True, text=True, check=True).stdout.strip()
-
-    try:
-        return git("rev-parse", "HEAD") + ("+changes" if git("status", "--porcelain", "--untracked-files=no") else "")
-    except (OSError, subprocess.CalledProcessError):
-        return None
 
 
 def summarise(result: Mapping[str, Any], folder: Path) -> str:

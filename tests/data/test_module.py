@@ -12,10 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from frictionpinn.data.contact import BASE, backward_difference, contact_trials
-from frictionpinn.data.module import TrajectoryData, split_trials
+from frictionpinn.data.module import TrajectoryData
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.recording import Recording
 from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.data.split import split_trials
 from frictionpinn.errors import UserError
 from frictionpinn.models.features import Features
 from frictionpinn.models.start import data_scales

@@ -138,3 +138,8 @@ def test_a_file_that_is_no_augmented_model_is_refused(tmp_path):
     (tmp_path / "other.yaml").write_text("name: lugre\n")
     with pytest.raises(UserError, match="not a friction model"):
         load_augmented(tmp_path / "other.yaml")
+
+
+def test_a_diagnosis_starts_without_loading_what_only_a_training_needs():
+    code = "import sys, frictionpinn.workflow.diagnose; sys.exit('lightning' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

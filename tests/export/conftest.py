@@ -20,7 +20,7 @@ from frictionpinn.models import FrictionModel
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.physics import System
 from frictionpinn.physics.mechanism import Mechanism
-from frictionpinn.workflow.build import build_data
+from frictionpinn.workflow.experiment import build_data
 from frictionpinn.workflow.load import load_run
 from frictionpinn.workflow.train import train
 

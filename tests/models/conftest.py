@@ -11,13 +11,14 @@ import torch
 from omegaconf import OmegaConf
 
 from frictionpinn.data.contact import contact_trials
-from frictionpinn.data.module import TrajectoryData, split_trials
+from frictionpinn.data.module import TrajectoryData
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.data.split import split_trials
 from frictionpinn.models import FrictionModel
 from frictionpinn.numerics.kalman import KalmanFilter, KalmanSmoother
 from frictionpinn.physics import SYSTEMS
-from frictionpinn.workflow.build import build_model
+from frictionpinn.workflow.experiment import build_model
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
 TRUTH = {"sigma_0": 1e5, "sigma_1": 316.23, "sigma_2": 0.4, "mu_c": 0.3, "mu_s": 0.6, "v_s": 1e-3}

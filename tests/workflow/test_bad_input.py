@@ -23,7 +23,8 @@ from nasty import KEPT, SIGNALS, recordings, swing
 
 from frictionpinn.errors import UserError
 from frictionpinn.workflow import cli
-from frictionpinn.workflow.build import build_data, build_model, build_system
+from frictionpinn.workflow.build import build_system
+from frictionpinn.workflow.experiment import build_data, build_model
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
 EXAMPLES = int(os.environ.get("FRICTIONPINN_EXAMPLES", "60"))

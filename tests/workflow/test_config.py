@@ -12,7 +12,8 @@ from frictionpinn.data.public import DATASETS
 from frictionpinn.errors import UserError
 from frictionpinn.models import MODELS
 from frictionpinn.physics import LAWS, SYSTEMS
-from frictionpinn.workflow.build import NOISE, SMOOTHING, build_data, build_model, build_system, check_pairing
+from frictionpinn.workflow.build import NOISE, SMOOTHING, build_system, check_pairing
+from frictionpinn.workflow.experiment import build_data, build_model
 from frictionpinn.workflow.train import build_trainer
 
 CONF = Path(__file__).resolve().parents[2] / "conf"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from frictionpinn.workflow.build import build_data, build_system
+from frictionpinn.workflow.build import build_system
+from frictionpinn.workflow.experiment import build_data
 
 
 @pytest.fixture

@@ -17,9 +17,9 @@ from omegaconf import OmegaConf
 from frictionpinn.errors import UserError
 from frictionpinn.evaluate.published import published
 from frictionpinn.workflow import cli
-from frictionpinn.workflow.build import build_data
 from frictionpinn.workflow.checkpoints import load_checkpoint
 from frictionpinn.workflow.evaluate import evaluate
+from frictionpinn.workflow.experiment import build_data
 from frictionpinn.workflow.load import load_run
 
 ROOT = Path(__file__).resolve().parents[2]

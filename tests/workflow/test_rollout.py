@@ -12,7 +12,7 @@ from frictionpinn.evaluate.characteristics import mobility
 from frictionpinn.evaluate.in_motion import simulate_in_motion
 from frictionpinn.evaluate.in_simulation import simulate_model
 from frictionpinn.models.rollout import fit_in_motion
-from frictionpinn.workflow.build import build_data
+from frictionpinn.workflow.experiment import build_data
 from frictionpinn.workflow.load import load_run
 from frictionpinn.workflow.rollout import load_in_motion
 from frictionpinn.workflow.trajectories import build_trajectories, transferred

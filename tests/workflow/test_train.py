@@ -10,7 +10,8 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from frictionpinn.models import ParameterEstimator
-from frictionpinn.workflow.build import build_data, build_system
+from frictionpinn.workflow.build import build_system
+from frictionpinn.workflow.experiment import build_data
 
 LUGRE = {"sigma_0": "N/m", "sigma_1": "N*s/m", "sigma_2": "N*s/m", "mu_c": "1", "mu_s": "1", "v_s": "m/s", "alpha": "1"}
 
