@@ -122,11 +122,21 @@ def _searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Cont
 
 
 def _rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Contender]:
-    """The fits, the best and those near it searched anew: of two that are much alike one may have stopped short."""
-    fits = sorted(fits, key=lambda pair: penalised(pair[1]))
-    gain = before.state.cost - fits[0][1].state.cost
-    reach_ = penalised(fits[0][1]) + min(NEAR, CLOSE * gain)  # those that gain nothing are no rivals
-    near = sum(penalised(fit) < reach_ for _, fit in fits[:DEEP])
+    """The fits, the best and those near it searched anew: of two that are much alike one may have stopped short.
+
+    Near is, too, what stopped short of the gain that its score test promised.
+    """
+    gain = before.state.cost - min(fit.state.cost for _, fit in fits)
+    least = min(penalised(fit) for _, fit in fits)
+    reach_ = least + min(NEAR, CLOSE * gain)  # those that gain nothing are no rivals
+
+    def hoped(pair: Contender) -> float:
+        tested, fit = pair
+        promised = before.state.cost - tested.statistic / 2 if tested.beside is None else fit.state.cost
+        return penalised(fit) - max(fit.state.cost - promised, 0.0)
+
+    fits = sorted(fits, key=hoped)
+    near = sum(hoped(pair) < reach_ for pair in fits[:DEEP])
     if near < 2:
         return fits
     found = [(tested, bench.search(fit) or fit) for tested, fit in fits[:near]]

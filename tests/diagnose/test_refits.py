@@ -23,9 +23,11 @@ def fit(cost: float, correlation: float = 50.0):
     )  # fmt: skip
 
 
-def option(effect: str, trace: int = 0):
+def option(effect: str, trace: int = 0, statistic: float = 0.0):
     own = np.eye(40)[trace]
-    return SimpleNamespace(candidate=Candidate(effect, effect, (effect,)), beside=None, trace=own, shape={})
+    return SimpleNamespace(
+        candidate=Candidate(effect, effect, (effect,)), beside=None, trace=own, shape={}, statistic=statistic
+    )
 
 
 @pytest.fixture
@@ -74,6 +76,17 @@ def test_rivals_within_reach_are_searched_anew_and_those_that_gain_nothing_are_n
     classes = [[option("drag", 0)], [option("ripple", 1)], [option("adhesion", 2)]]
     assert names(refitted(tries.bench, fit(100, 1.0), classes, ())) == ["ripple", "drag", "adhesion"]
     assert tries.searched == [drag, ripple]
+
+
+def test_a_rival_that_stopped_short_of_what_its_score_test_promised_is_searched_anew(tries):
+    drag, short = fit(80, 1.0), fit(100, 1.0)
+    tries.found = {"drag": drag, "low_speed": short}
+    tries.better = {id(short): fit(60, 1.0)}
+    classes = [[option("drag", 0, 35.0)], [option("low_speed", 1, 40.0)]]
+    assert names(refitted(tries.bench, fit(100, 1.0), classes, ())) == ["low_speed", "drag"]
+    classes[1][0].statistic, tries.searched = 4.0, []
+    assert names(refitted(tries.bench, fit(100, 1.0), classes, ())) == ["drag", "low_speed"]
+    assert not tries.searched
 
 
 def test_where_no_contender_explains_the_residual_the_best_of_all_others_are_refitted(tries):
