@@ -37,15 +37,20 @@ def refitted(bench: Bench, before: Fit, classes: list[list[Tested]], others: Seq
         name = group[0].candidate.name
         if group[0].beside is not None and _explained([pair for pair in fits if pair[0].candidate.name == name]):
             continue
-        # Beside a fit that leaves nothing but noise a candidate has to be as good from where it stands.
-        found = add(bench, before, group[0], thorough=not _nearly(before, fits))
+        # Beside a fit that leaves nothing but noise a candidate has to be as good from where it stands, or from there.
+        solved = _nearly(before, fits)
+        found = add(bench, before, group[0], thorough=not solved)
+        if solved and not _explained(fits):
+            found = _better(found, add(bench, _as(before, _best(fits)), group[0], thorough=False))
         fits += [(group[0], found)] if found is not None else []
     fits = _best_of_each(fits)
     if fits and not _explained(fits):
-        fits += _alike_refitted(bench, before, classes, min(fits, key=lambda pair: penalised(pair[1])))
+        fits += _alike_refitted(bench, before, classes, _best(fits))
     if bench.mechanism.memory and fits:
-        if _nearly(before, fits):
+        if _explained(fits):
             fits = _rivals_searched(bench, before, fits)
+        elif _nearly(before, fits):
+            fits = _searched(bench, before, fits)
         else:
             fits = _out_of_wrong_minima(bench, before, classes, fits, others)
     fits.sort(key=lambda pair: penalised(pair[1]))
@@ -72,17 +77,29 @@ def _nearly(before: Fit, fits: Sequence[Contender]) -> bool:
     return any(fit.explains or fit.correlation < NEARLY * before.correlation for _, fit in fits)
 
 
+def _best(fits: Sequence[Contender]) -> Contender:
+    return min(fits, key=lambda pair: penalised(pair[1]))
+
+
+def _better(*fits: Fit | None) -> Fit | None:
+    return min((f for f in fits if f is not None), key=lambda f: f.state.cost, default=None)
+
+
+def _as(before: Fit, found: Contender) -> Fit:
+    """The fit before with what another found of its parameters and of the trials' unknowns."""
+    values = before.values | {name: found[1].values[name] for name in before.names}
+    return replace(before, values=values, state=replace(before.state, locals=found[1].locals))
+
+
 def _alike_refitted(bench: Bench, before: Fit, classes: list[list[Tested]], best: Contender) -> list[Contender]:
     """The best's class mates, refitted from its parameters: what the score tests could not tell apart a fit may.
 
     Those that were refitted leave the class and are one each.
     """
     group = next(g for g in classes if g[0] is best[0])
-    own = {*best[0].candidate.strengths, *best[0].candidate.hidden}
-    values = before.values | {n: v for n, v in best[1].values.items() if n not in own}
     fits: list[Contender] = []
     for tested in group[1 : 1 + MATES]:
-        found = add(bench, replace(before, values=values), tested, thorough=False)
+        found = add(bench, _as(before, best), tested, thorough=False)
         if found is not None:
             fits.append((tested, found))
             group.remove(tested)

@@ -19,7 +19,7 @@ def fit(cost: float, correlation: float = 50.0):
     """A stub of a fit: what remains of it is noise where its correlation is below 4.5."""
     return SimpleNamespace(
         names=("mu_c",), values=defaultdict(float, mu_c=0.3), count=1000, state=SimpleNamespace(cost=cost),
-        correlation=correlation, explains=correlation < 4.5, minima=(),
+        correlation=correlation, explains=correlation < 4.5, minima=(), locals=(),
     )  # fmt: skip
 
 
@@ -60,6 +60,25 @@ def test_what_score_tests_cannot_tell_apart_is_refitted_where_the_first_of_them_
     classes = [[option("constant_force"), option("asymmetry")]]
     assert names(refitted(tries.bench, fit(1000), classes, ())) == ["asymmetry", "constant_force"]
     assert [names([(t, None) for t in group]) for group in classes] == [["constant_force"], ["asymmetry"]]
+
+
+def test_beside_a_fit_that_explains_nearly_all_the_others_start_from_there_too_and_are_searched(tries, monkeypatch):
+    found = {("asymmetry", 0.5): fit(200, 60.0), ("asymmetry", 0.3): fit(120, 20.0)}
+    asymmetric, constant = fit(110, 20.0), fit(50, 1.0)
+    asymmetric.values["mu_c"] = 0.3
+    before = fit(1000, 250.0)
+    before.values["mu_c"] = 0.5
+
+    def add(bench, start, t, thorough=True):
+        tries.refitted.append((t.candidate.effect, start.values["mu_c"], thorough))
+        return asymmetric if t.candidate.effect == "ripple" else found["asymmetry", start.values["mu_c"]]
+
+    monkeypatch.setattr(refits, "add", add)
+    tries.better = {id(found["asymmetry", 0.3]): constant}
+    classes = [[option("ripple", 0)], [option("asymmetry", 1)]]
+    assert names(refitted(tries.bench, before, classes, ())) == ["asymmetry", "ripple"]
+    assert tries.refitted == [("ripple", 0.5, True), ("asymmetry", 0.5, False), ("asymmetry", 0.3, False)]
+    assert tries.searched == [asymmetric, found["asymmetry", 0.3]]
 
 
 def test_what_score_tests_cannot_tell_apart_stays_one_class_where_the_first_of_them_explains_the_residual(tries):
