@@ -41,7 +41,7 @@ def refitted(bench: Bench, before: Fit, classes: list[list[Tested]], others: Seq
         solved = _nearly(before, fits)
         found = add(bench, before, group[0], thorough=not solved)
         if solved and not _explained(fits):
-            found = _better(found, add(bench, _as(before, _best(fits)), group[0], thorough=False))
+            found = better(found, add(bench, _as(before, _best(fits)), group[0], thorough=False))
         fits += [(group[0], found)] if found is not None else []
     fits = _best_of_each(fits)
     if fits and not _explained(fits):
@@ -81,7 +81,8 @@ def _best(fits: Sequence[Contender]) -> Contender:
     return min(fits, key=lambda pair: penalised(pair[1]))
 
 
-def _better(*fits: Fit | None) -> Fit | None:
+def better(*fits: Fit | None) -> Fit | None:
+    """The fit of least cost; None where there is none."""
     return min((f for f in fits if f is not None), key=lambda f: f.state.cost, default=None)
 
 
@@ -238,7 +239,7 @@ def add(bench: Bench, fit: Fit, tested: Tested, thorough: bool = True) -> Fit | 
                 tries.append(found)
             if found is not None and found.state.cost < worth:
                 break
-    return min(tries, key=lambda f: f.state.cost, default=None)
+    return better(*tries)
 
 
 def reach(tested: Tested) -> dict[str, tuple[float, float]]:

@@ -12,7 +12,7 @@ from .bench import Bench
 from .candidates import Candidate
 from .contest import Accepted, Refused, Settings, contest, needed
 from .fit import Fit
-from .refits import add, penalised
+from .refits import add, better, penalised
 from .remainder import Remainder
 from .restarts import lifted, peaked
 from .scan import Scanned, Tested, scan
@@ -159,7 +159,7 @@ def _held(bench: Bench, fit: Fit, starts: Sequence[Mapping[str, float]]) -> Fit 
     for values in starts:
         moved = {name for name in fit.names if values[name] != fit.values[name]}
         fits.append(bench.refit(fit, tuple(n for n in fit.names if n not in moved), values))
-    return min((f for f in fits if f is not None), key=lambda f: f.state.cost, default=None)
+    return better(*fits)
 
 
 def _doubtful(selection: Selection, options: Sequence[Candidate], settings: Settings) -> bool:
@@ -231,7 +231,7 @@ def _without(bench: Bench, selection: Selection, accepted: Accepted, names: Sequ
         found += (
             [] if bare is None else [add(bench, bare, scan(bench, bare, [other], (), {}).tested[0], thorough=False)]
         )
-    return min((f for f in found if f is not None), key=lambda f: f.state.cost, default=None)
+    return better(*found)
 
 
 def _reweighted(bench: Bench, fit: Fit, scanned: Scanned) -> Fit:
