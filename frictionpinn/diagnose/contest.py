@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from .bench import Bench
 from .candidates import Candidate
 from .fit import Fit
-from .held_out import compared_gain, held_out_gain
+from .held_out import compared_gains, held_out_gain
 from .refits import DEEP, NEAR, Contender, contenders, penalised, refitted
 from .scan import Tested
 
@@ -123,7 +123,8 @@ def _decide(
         return usual, None, [pair for pair in (first, *near) if pair is not usual], []
     if not near:
         return first, held, [], []
-    judged = [(pair, compared_gain(bench, before, pair[1])) for pair in (first, *near)]
+    rivals = [first, *near]
+    judged = list(zip(rivals, compared_gains(bench, before, [fit for _, fit in rivals]), strict=True))
     held = judged[0][1]
     winner, best = max(judged[1:], key=lambda item: item[1])
     if best <= held + DECISIVE:

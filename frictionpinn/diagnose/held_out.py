@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,25 +28,27 @@ def held_out_gain(bench: Bench, before: Fit, after: Fit, enough: float) -> float
     if old is None or new is None:
         return None if new is not None else -np.inf
     gain = old.state.cost - new.state.cost
-    return (
-        gain if gain >= enough or not bench.mechanism.memory else max(gain, _less_surprise(bench, before, after, gain))
-    )
+    if gain >= enough or not bench.mechanism.memory:
+        return gain
+    pair = surprise(bench, before), surprise(bench, after)
+    return gain if pair[0] is None or pair[1] is None else max(gain, pair[0] - pair[1])
 
 
-def compared_gain(bench: Bench, before: Fit, after: Fit) -> float:
-    """Log-likelihood that the held-out trials gain, by which rivals are compared.
+def compared_gains(bench: Bench, before: Fit, fits: Sequence[Fit]) -> list[float]:
+    """Log-likelihood that the held-out trials gain by each fit, by which rivals are compared; 0 without such trials.
 
     That of :func:`surprise` for laws with memory: with the parameters as fitted a slip that sets in a little late costs
     more than what tells the rivals apart.
     """
-    gain = held_out_gain(bench, before, after, -np.inf)
-    gain = 0.0 if gain is None else gain
-    return _less_surprise(bench, before, after, gain) if bench.mechanism.memory and bench.checked is not None else gain
-
-
-def _less_surprise(bench: Bench, before: Fit, after: Fit, otherwise: float) -> float:
-    pair = surprise(bench, before), surprise(bench, replace(after, sigmas=before.sigmas))
-    return otherwise if pair[0] is None or pair[1] is None else pair[0] - pair[1]
+    reference = surprise(bench, before) if bench.mechanism.memory else None
+    gains = []
+    for fit in fits:
+        own = None if reference is None else surprise(bench, replace(fit, sigmas=before.sigmas))
+        if reference is None or own is None:
+            gains.append(held_out_gain(bench, before, fit, -np.inf) or 0.0)
+        else:
+            gains.append(reference - own)
+    return gains
 
 
 def surprise(bench: Bench, fit: Fit) -> float | None:

@@ -22,7 +22,7 @@ def contender(effect: str, cost: float, held: float = 0.0):
 
 @pytest.fixture(autouse=True)
 def held_out(monkeypatch):
-    monkeypatch.setattr(contest, "compared_gain", lambda bench, before, fit: fit.held)
+    monkeypatch.setattr(contest, "compared_gains", lambda bench, before, fits: [fit.held for fit in fits])
 
 
 def decided(first, *near):

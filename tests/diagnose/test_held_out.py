@@ -10,7 +10,7 @@ from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.fit import Fit
-from frictionpinn.diagnose.held_out import compared_gain, held_out_gain, surprise
+from frictionpinn.diagnose.held_out import compared_gains, held_out_gain, surprise
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
@@ -66,8 +66,9 @@ def test_rivals_are_compared_with_what_the_fitted_trials_leave_open_free_to_move
     fit = bench.base()
     open_, told = (off(fit, "sigma_2", 1.5, known=known) for known in (False, True))
     assert held_out_gain(bench, told, open_, -1.0) == pytest.approx(0.0, abs=1e-6)  # the same parameters
-    assert compared_gain(bench, told, open_) > 50
-    assert compared_gain(bench, open_, told) == pytest.approx(-compared_gain(bench, told, open_))
+    (gain, none), (loss,) = compared_gains(bench, told, [open_, told]), compared_gains(bench, open_, [told])
+    assert gain > 50 and none == 0.0
+    assert loss == pytest.approx(-gain)
 
 
 def test_without_held_out_trials_there_is_nothing_to_say(bench):
@@ -75,4 +76,4 @@ def test_without_held_out_trials_there_is_nothing_to_say(bench):
     empty.__dict__ |= bench.__dict__ | {"checked": None}
     fit = bench.base()
     assert held_out_gain(empty, fit, fit, 1.0) is None and surprise(empty, fit) is None
-    assert compared_gain(empty, fit, fit) == 0.0
+    assert compared_gains(empty, fit, [fit]) == [0.0]
