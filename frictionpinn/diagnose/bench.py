@@ -21,9 +21,12 @@ from ..identify.start import default_bounds
 from ..identify.trial import TrialModel
 from ..identify.units import Sizes
 from ..numerics.simulate import ContactLost, Simulation, SimulationFailed, Simulator
+from ..numerics.tangent import Tangent
 from ..physics.mechanism import Mechanism
+from .candidates import Candidate
 from .declared import fit_declared
 from .fit import Fit
+from .parts import Parts
 from .restarts import peaked
 
 LONGEST = 150.0  # times the steps that simulate all trials once: a refit that takes more is given up
@@ -55,7 +58,8 @@ class Bench:
     ):
         self.mechanism, self.tested = mechanism, tested
         self.problem, self.estimate, options = fit_declared(mechanism, fitted, start, options)
-        self.simulator, self.probe = Simulator(tested), Simulator(probed)
+        self.parts, self.probe = Parts(mechanism, tested), Simulator(probed)
+        self.simulator = self.parts.whole
         self.defaults = {par.name: par.value for par in tested.parameters} | tested.system.values
         self.declared = tuple(self.problem.names)
         self.held_out = held_out
@@ -71,9 +75,11 @@ class Bench:
     @cached_property
     def usual_steps(self) -> int:
         """Steps of the integrator that simulate all trials once, at the declared model's fit."""
-        before = self.simulator.steps_taken
-        self.simulate(self.base())
-        return self.simulator.steps_taken - before
+        base = self.base()
+        simulator = base.models[0].simulator
+        before = simulator.steps_taken
+        self.simulate(base)
+        return simulator.steps_taken - before
 
     @cached_property
     def checked(self) -> Problem | None:
@@ -87,20 +93,20 @@ class Bench:
         """The declared model as fitted, on the mechanism that holds the effects at their neutral values."""
         details = self.estimate.details
         values = self._complete(self.problem.values(details["state"].u))
-        models = self._equipped(details["models"])
+        models = self._equipped(details["models"], self.parts.of(self.declared, values))
         state = details["state"]
         locals_ = tuple(
             _longer(x, old, new) for x, old, new in zip(state.locals, details["models"], models, strict=True)
         )
         return Fit(self.declared, values, models, replace(state, locals=locals_), dict(self.estimate.sigmas))
 
-    def _equipped(self, models: Sequence[TrialModel]) -> tuple[TrialModel, ...]:
-        """Models on the tested mechanism; where an effect brings a bristle, its initial state is unknown as well."""
+    def _equipped(self, models: Sequence[TrialModel], simulator: Simulator) -> tuple[TrialModel, ...]:
+        """Models on a mechanism with effects; where one brings a bristle, its initial state is unknown as well."""
         if self.mechanism.memory or not self.tested.memory:
-            return tuple(replace(model, simulator=self.simulator) for model in models)
+            return tuple(replace(model, simulator=simulator) for model in models)
         stroke = self.problem.scales.sizes.scales["stroke"][1]
         return tuple(
-            replace(model, simulator=self.simulator, states=(*model.states, "z"), start=model.start | {"z": 0.0},
+            replace(model, simulator=simulator, states=(*model.states, "z"), start=model.start | {"z": 0.0},
                     force_scale=0.25 * stroke)
             for model in models
         )  # fmt: skip
@@ -113,13 +119,12 @@ class Bench:
         problem: Problem,
         names: Sequence[str],
         values: Mapping[str, float],
+        simulator: Simulator,
         limits: Mapping[str, tuple[float, float]] | None = None,
-        simulator: Simulator | None = None,
     ) -> Problem:
         """The problem with these parameters free, the others held at their values."""
         made = copy.copy(problem)
-        made.simulator = simulator or self.simulator
-        made.mechanism = made.simulator.mechanism
+        made.simulator, made.mechanism = simulator, simulator.mechanism
         made.fixed = {name: value for name, value in values.items() if name not in names}
         bounds = {
             name: (low, high)
@@ -161,13 +166,16 @@ class Bench:
         ``options`` are those of :func:`levenberg_marquardt`.
         """
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
-        problem = self._problem(self.problem, names, values, limits, fit.models[0].simulator)
-        evaluate = self._evaluator(problem, fit.models, sigmas)
+        probing = fit.models[0].simulator is self.probe
+        simulator = self.probe if probing else self.parts.of(names, values)
+        models = tuple(replace(model, simulator=simulator) for model in fit.models)
+        problem = self._problem(self.problem, names, values, simulator, limits)
+        evaluate = self._evaluator(problem, models, sigmas)
         first = evaluate(problem.space.to_search(np.array([values[name] for name in problem.names])), fit.locals, True)
         if first is None:
             return None
         found = levenberg_marquardt(evaluate, first, problem.space.limits, **(REFIT | options))
-        return Fit(problem.names, problem.values(found.state.u), fit.models, found.state, sigmas)
+        return Fit(problem.names, problem.values(found.state.u), models, found.state, sigmas)
 
     def settle(self, fit: Fit) -> Fit:
         """The lowest minimum that a search from all starts finds, at the noise that the fit's residuals show."""
@@ -205,10 +213,11 @@ class Bench:
         return min(found, key=lambda f: f.state.cost, default=None)
 
     def _anew(self, fit: Fit) -> Fit | None:
-        problem = self._problem(self.problem, fit.names, fit.values)
-        problem.trials = self._equipped(problem.trials)
+        simulator = self.parts.of(fit.names, fit.values)
+        problem = self._problem(self.problem, fit.names, fit.values, simulator)
+        problem.trials = self._equipped(problem.trials, simulator)
         problem.motions = [
-            replace(motion, model=replace(motion.model, simulator=self.simulator)) for motion in problem.motions
+            replace(motion, model=replace(motion.model, simulator=simulator)) for motion in problem.motions
         ]
         start = {name: fit.values[name] for name in problem.names}
         problem.start, problem.given = start, dict(fit.sigmas)
@@ -237,8 +246,8 @@ class Bench:
         if self.checked is None:
             return None
         simulator = fit.models[0].simulator
-        problem = self._problem(self.checked, fit.names, fit.values, simulator=simulator)
-        models = tuple(replace(model, simulator=simulator) for model in self._equipped(self.checked.trials))
+        problem = self._problem(self.checked, fit.names, fit.values, simulator)
+        models = self._equipped(self.checked.trials, simulator)
         u = problem.space.to_search(np.array([fit.values[name] for name in problem.names]))
         bristle = _with_bristle(problem, models, u)
 
@@ -272,12 +281,33 @@ class Bench:
 
         return in_parallel(work, [len(model.t) for model in fit.models])
 
+    def responses(self, fit: Fit, candidate: Candidate, tangents: Sequence[Tangent]) -> list[Rows]:
+        """As :meth:`derivatives`, in a candidate's strengths at every point of its grid: these side by side."""
+
+        def work(k: int) -> Rows:
+            model = fit.models[k]
+            changes = tangents[k].respond(candidate.strengths, candidate.grid)
+            J = np.stack([changes[key] for key in model.outputs.values()])
+            return weighted(model, fit.state.pieces[k].residuals, J, fit.sigmas, self.problem.loss)
+
+        return in_parallel(work, [len(model.t) for model in fit.models])
+
+    def tangents(self, fit: Fit, values: Mapping[str, float], runs: Sequence[Simulation]) -> list[Tangent]:
+        """The linear equations along the fit's simulations, at values that do not move them."""
+        p = fit.values | dict(values)
+        return [
+            Tangent(self.simulator, run, model.path(local), p, steady="z" not in model.start)
+            for model, local, run in zip(fit.models, fit.locals, runs, strict=True)
+        ]
+
     def simulate(self, fit: Fit, strict: bool = False) -> list[Simulation]:
-        """Every trial at the fit; ``strict`` where sensitivities are to be added."""
-        return in_parallel(
-            lambda k: fit.models[k].simulate(fit.values, fit.locals[k], strict=strict),
-            [len(model.t) for model in fit.models],
-        )
+        """Every trial at the fit; ``strict`` with every candidate, where sensitivities to any are to be added."""
+
+        def work(k: int) -> Simulation:
+            model = replace(fit.models[k], simulator=self.simulator) if strict else fit.models[k]
+            return model.simulate(fit.values, fit.locals[k], strict=strict)
+
+        return in_parallel(work, [len(model.t) for model in fit.models])
 
     def linearise(
         self, fit: Fit, names: Sequence[str], values: Mapping[str, float] | None = None, probed: bool = False

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ PROMISING = 0.5  # of the cost beyond noise: contenders that take off less are n
 NEARLY = 0.1  # of the correlation before: a refit that leaves less explains nearly all
 MATES = 3  # of the best contender, if it leaves more than noise: refitted too
 ROUGH, BETTER = 6, 5  # iterations of a first look at candidates outside the classes, and how many are then refitted
+SHORT = 12  # iterations of a try beside a candidate that leaves little
 DEEP = 3  # contenders that are searched anew where no refit explains the residual
 NEAR = 50.0  # log-likelihood: rivals that are searched anew too, should the winner prove to be in a wrong minimum
 CLOSE = 0.7  # of the winner's gain: so near they are at least
@@ -33,15 +35,12 @@ Contender = tuple[Tested, Fit]
 def refitted(bench: Bench, before: Fit, classes: list[list[Tested]], others: Sequence[Tested]) -> list[Contender]:
     """The first of every class refitted, the best first."""
     fits: list[Contender] = []
-    for group in classes:
+    for group in _promising_first(bench, before, classes):
         name = group[0].candidate.name
         if group[0].beside is not None and _explained([pair for pair in fits if pair[0].candidate.name == name]):
             continue
         # Beside a fit that leaves nothing but noise a candidate has to be as good from where it stands, or from there.
-        solved = _nearly(before, fits)
-        found = add(bench, before, group[0], thorough=not solved)
-        if solved and not _explained(fits):
-            found = better(found, add(bench, _as(before, _best(fits)), group[0], thorough=False))
+        found = _beside_solved(bench, before, group[0], fits) if _nearly(before, fits) else add(bench, before, group[0])
         fits += [(group[0], found)] if found is not None else []
     fits = _best_of_each(fits)
     if fits and not _explained(fits):
@@ -60,6 +59,31 @@ def refitted(bench: Bench, before: Fit, classes: list[list[Tested]], others: Seq
     return fits
 
 
+def _beside_solved(bench: Bench, before: Fit, tested: Tested, fits: Sequence[Contender]) -> Fit | None:
+    """A candidate beside one that leaves little: a short try, from there too, and the rest where it comes near."""
+    best = _best(fits)
+    found = add(bench, before, tested, thorough=False, iterations=SHORT)
+    if not _explained(fits):
+        found = better(found, add(bench, _as(before, best), tested, thorough=False, iterations=SHORT))
+    gain = before.state.cost - best[1].state.cost
+    if found is None or before.state.cost - found.state.cost < CLOSE * gain:
+        return found
+    return better(found, bench.refit(found, found.names, found.values, limits=reach(tested)))
+
+
+def _promising_first(bench: Bench, before: Fit, classes: list[list[Tested]]) -> list[list[Tested]]:
+    """The classes by a first look at each, where the score tests, made in a wrong minimum, rank them poorly.
+
+    The sooner one explains the residual, the less is spent on the others.
+    """
+    first = [g for g in classes if g[0].beside is None]
+    if len(first) < 2 or max(g[0].statistic for g in first) <= ASTRAY:
+        return classes
+    looks = [(_look(bench, before, group[0]), group) for group in first]
+    looks.sort(key=lambda pair: np.inf if pair[0] is None else penalised(pair[0]))
+    return [*(group for _, group in looks), *(g for g in classes if g[0].beside is not None)]
+
+
 def _best_of_each(fits: Sequence[Contender]) -> list[Contender]:
     """One fit of every candidate: some were also refitted beside a friction that vanished."""
     best: dict[str, Contender] = {}
@@ -74,7 +98,11 @@ def _explained(fits: Sequence[Contender]) -> bool:
 
 def _nearly(before: Fit, fits: Sequence[Contender]) -> bool:
     """Whether a fit leaves so little that what is left to do is to polish it, not to look elsewhere."""
-    return any(fit.explains or fit.correlation < NEARLY * before.correlation for _, fit in fits)
+    return any(_leaves_little(before, fit) for _, fit in fits)
+
+
+def _leaves_little(before: Fit, fit: Fit) -> bool:
+    return fit.explains or fit.correlation < NEARLY * before.correlation
 
 
 def _best(fits: Sequence[Contender]) -> Contender:
@@ -131,12 +159,17 @@ def _searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Cont
     fits = sorted(fits, key=lambda pair: penalised(pair[1]))
     best = penalised(fits[0][1])
     reach_ = best + max(NEAR, 0.1 * (before.state.cost - fits[0][1].state.cost))
-    return [
-        (tested, bench.search(fit) or fit)
-        if k < DEEP and penalised(fit) < reach_ and not fit.explains
-        else (tested, fit)
-        for k, (tested, fit) in enumerate(fits)
-    ]
+    found: list[Contender] = []
+    for k, (tested, fit) in enumerate(fits):
+        if k < DEEP and penalised(fit) < reach_ and not fit.explains:
+            if _explained(found):  # out of that minimum the others come from there, if they come near at all
+                winner = _best(found)[1]
+                fit = better(fit, _moved(bench, tested, fit, winner)) or fit
+                fit = fit if penalised(fit) > penalised(winner) + NEAR else bench.search(fit) or fit
+            else:
+                fit = bench.search(fit) or fit
+        found.append((tested, fit))
+    return found
 
 
 def _rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Contender]:
@@ -160,15 +193,16 @@ def _rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> li
     found = [(tested, bench.search(fit) or fit) for tested, fit in fits[:near]]
     best = min((fit for _, fit in found), key=penalised)
     for k, (tested, fit) in enumerate(found):
-        own = {name: fit.values[name] for name in (*tested.candidate.strengths, *tested.candidate.hidden)}
-        beside = None if fit is best else bench.refit(fit, fit.names, {**fit.values, **_shared(best, fit), **own})
-        if beside is not None and beside.state.cost < fit.state.cost:
-            found[k] = tested, beside
+        if fit is not best:
+            found[k] = tested, better(fit, _moved(bench, tested, fit, best)) or fit
     return [*found, *fits[near:]]
 
 
-def _shared(best: Fit, fit: Fit) -> dict[str, float]:
-    return {name: best.values[name] for name in fit.names if name in best.names}
+def _moved(bench: Bench, tested: Tested, fit: Fit, best: Fit) -> Fit | None:
+    """The fit anew, from the best's values of what they share and its own of the candidate."""
+    own = {*tested.candidate.strengths, *tested.candidate.hidden}
+    shared = {name: best.values[name] for name in fit.names if name in best.names and name not in own}
+    return bench.refit(fit, fit.names, {**fit.values, **shared})
 
 
 def _try_others(
@@ -217,29 +251,42 @@ def penalised(fit: Fit) -> float:
     return fit.state.cost + 0.5 * len(fit.names) * np.log(fit.count)
 
 
-def add(bench: Bench, fit: Fit, tested: Tested, thorough: bool = True) -> Fit | None:
-    """Refit with a candidate's strengths and hidden parameters, from the fit and, where that is astray, from others."""
+def add(bench: Bench, fit: Fit, tested: Tested, thorough: bool = True, **options: Any) -> Fit | None:
+    """Refit with a candidate's strengths and hidden parameters, from the fit and, where that is astray, from others.
+
+    ``options`` as of :meth:`Bench.refit`.
+    """
     limits, step = reach(tested), tested.step
     names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
     worth = fit.state.cost - 0.3 * tested.statistic / 2
-    tries: list[Fit] = []
-    back = lifted(bench.problem, bench.sizes, fit.values)
     if tested.beside is not None:
-        bases, worth = [tested.beside], fit.state.cost  # its statistic is that beside a fit held elsewhere
-    else:
-        astray = thorough and tested.statistic > ASTRAY
-        bases = [fit.values, *({**fit.values, **start} for start in (bench.starts if astray else ()))]
-        bases += [back] if back else []
-    for base in bases:
+        worth = fit.state.cost  # its statistic is that beside a fit held elsewhere
+    tries: list[Fit] = []
+    for base in _bases(bench, fit, tested, thorough):
         # From neutral, since Gauss-Newton moves all parameters together; from its step where that fails.
         for share in (0.0, 1.0):
             values = {**base, **tested.shape} | {name: share * value for name, value in step.items()}
-            found = bench.refit(fit, names, bench.clip(values), limits=limits)
+            found = bench.refit(fit, names, bench.clip(values), limits=limits, **options)
             if found is not None:
                 tries.append(found)
             if found is not None and found.state.cost < worth:
                 break
+        if any(_leaves_little(fit, made) for made in tries):
+            break
     return better(*tries)
+
+
+def _bases(bench: Bench, fit: Fit, tested: Tested, thorough: bool) -> Iterator[Mapping[str, float]]:
+    """Parameters to add a candidate to, the likeliest first."""
+    if tested.beside is not None:
+        yield tested.beside
+        return
+    yield fit.values
+    back = lifted(bench.problem, bench.sizes, fit.values)
+    if back:
+        yield back
+    if thorough and tested.statistic > ASTRAY:
+        yield from ({**fit.values, **start} for start in bench.starts)
 
 
 def reach(tested: Tested) -> dict[str, tuple[float, float]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..identify.linear import Rows
 from ..identify.problem import in_parallel
-from ..numerics.simulate import Simulation
+from ..numerics.tangent import Tangent
 from .bench import Bench
 from .candidates import Candidate
 from .fit import Fit
@@ -109,7 +109,7 @@ def scan(
     columns = _columns(rows, noise)
     normal = Normal.of(names, columns)
     rest = normal.given(fit.names)
-    tested = _tested(bench, fit, options, columns, rows, normal, noise, middle)
+    tested = _tested(_Place(bench, fit, columns, rows, normal, noise, middle), options)
     found = []
     for r in remainders:
         for kind, group in _groups(r).items():
@@ -154,73 +154,103 @@ def _noise(rows: Sequence[Rows], names: Sequence[str]) -> tuple[Noise, float]:
     return fit_noise(rows, residuals, 1 - (local + len(names)) / count), count - local
 
 
-def _tested(
-    bench: Bench,
-    fit: Fit,
-    options: Sequence[Candidate],
-    columns: Sequence[Columns],
-    rows: Sequence[Rows],
-    normal: Normal,
-    noise: Noise,
-    middle: Mapping[str, float],
-) -> list[Tested]:
-    """The best point of every candidate's grid."""
-    n = len(fit.names)
-    known = [c.matrix[:, :n] for c in columns]
-    inner = normal.A[:n, :n]
-    best: dict[str, Tested] = {}
-    runs = bench.simulate(fit, strict=True)
-    moving = {e.name for e in bench.tested.effects if e.states or e.memory}  # their shape moves a state
-    for k in range(max((len(c.grid) for c in options), default=0)):
-        here = [c for c in options if len(c.grid) > k and (len(c.grid) > 1 or k == 0)]
-        shape = {name: value for c in here for name, value in c.grid[k].items()}
-        names = tuple(dict.fromkeys(name for c in here for name in c.strengths))
-        still = [c for c in here if c.effect not in moving]
-        made = _pass(
-            bench, fit, names, {**middle, **shape}, columns, rows, noise, runs if len(still) == len(here) else None
-        )
-        A = sum(S.T @ S for S, _ in made)
-        cross = sum(B.T @ S for B, (S, _) in zip(known, made, strict=True))
-        along = solve(inner, np.asarray(cross))
-        free = [S - B @ along for B, (S, _) in zip(known, made, strict=True)]  # beside what is estimated already
-        wide = [W - c.spread[:, :n] @ along for c, (_, W) in zip(columns, made, strict=True)]
-        b = np.asarray(sum(S.T @ c.r for S, c in zip(free, columns, strict=True)))
-        V = np.asarray(sum(W.T @ W for W in wide))
-        rest = Normal(names, np.asarray(sum(S.T @ S for S in free)), b, normal.rr, V)
-        lengths = np.asarray(A).diagonal()
-        for c in here:
-            at = rest.places(c.strengths)
-            statistic, rank, step = rest.test(c.strengths, lengths[at])
-            chance = log_p(statistic, rank, len(c.grid))
-            if c.name not in best or statistic > best[c.name].statistic:
-                trace = np.concatenate([S[:, at] @ step for S in free])
-                trace /= max(float(np.linalg.norm(trace)), 1e-300)
-                values = dict(zip(c.strengths, step.tolist(), strict=True))
-                best[c.name] = Tested(c, chance, statistic, rank, values, dict(c.grid[k]), trace)
-    return list(best.values())
+@dataclass(frozen=True)
+class _Place:
+    """Where candidates are tested: a fit on its bench, what its rows say, and hidden parameters of the others."""
 
+    bench: Bench
+    fit: Fit
+    columns: Sequence[Columns]
+    rows: Sequence[Rows]
+    normal: Normal
+    noise: Noise
+    middle: Mapping[str, float]
 
-def _pass(
-    bench: Bench,
-    fit: Fit,
-    names: Sequence[str],
-    values: Mapping[str, float],
-    columns: Sequence[Columns],
-    whole: Sequence[Rows],
-    noise: Noise,
-    runs: Sequence[Simulation] | None,
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Derivatives in the strengths at these hidden parameters, the trials' own unknowns projected out, and spread."""
-    rows = bench.derivatives(fit, names, values, runs)
-    result = []
-    for row, full, c in zip(rows, whole, columns, strict=True):
-        S = noise.scaled(row.signals, row.change).reshape(row.r.size, -1)
+    def judged(self, made: Sequence[Rows]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray, list[np.ndarray]]:
+        """Derivatives in strengths beside everything that is estimated, as columns S of every trial and their spread W;
+        S'r and the squared lengths of the columns before what the parameters of the fit explain is taken out."""
+        n, loads = len(self.fit.names), [row.r.size for row in self.rows]
+        found = in_parallel(lambda k: self._projected(made[k], self.rows[k], self.columns[k]), loads)
+        known = [c.matrix[:, :n] for c in self.columns]
+        cross = sum(B.T @ S for B, (S, _) in zip(known, found, strict=True))
+        along = solve(self.normal.A[:n, :n], np.asarray(cross))
+        lengths = np.asarray(sum((S**2).sum(axis=0) for S, _ in found))
+        free = in_parallel(lambda k: found[k][0] - known[k] @ along, loads)
+        wide = free
+        if self.noise.coloured:
+            wide = [W - c.spread[:, :n] @ along for c, (_, W) in zip(self.columns, found, strict=True)]
+        b = np.asarray(sum(S.T @ c.r for S, c in zip(free, self.columns, strict=True)))
+        return free, b, lengths, wide
+
+    def _projected(self, row: Rows, full: Rows, c: Columns) -> tuple[np.ndarray, np.ndarray]:
+        """The trial's own unknowns projected out, and the spread."""
+        S = self.noise.scaled(row.signals, row.change).reshape(row.r.size, -1)
         padded = np.zeros((c.r.size, S.shape[1]))
         padded[: len(S)] = S  # inputs come last, and do not depend on a strength
         S = project(c.own, padded)
-        W = S
-        if noise.coloured:
-            shape = (*full.r.shape, S.shape[1])
-            W = noise.spread(full.signals, S.reshape(shape)).reshape(S.shape)
-        result.append((S, W))
-    return result
+        if not self.noise.coloured:
+            return S, S
+        return S, self.noise.spread(full.signals, S.reshape(*full.r.shape, -1)).reshape(S.shape)
+
+
+def _tested(place: _Place, options: Sequence[Candidate]) -> list[Tested]:
+    """The best point of every candidate's grid."""
+    bench, fit = place.bench, place.fit
+    runs = bench.simulate(fit, strict=True)
+    moving = {e.name for e in bench.tested.effects if e.states or e.memory}  # their shape moves a state
+    many = [
+        c for c in options
+        if len(c.grid) > 1 and c.effect not in moving and Tangent.answers(bench.simulator, c.strengths)
+    ]  # fmt: skip
+    tangents = bench.tangents(fit, place.middle, runs)
+    found = [_best_of(place, c, c.grid, *place.judged(bench.responses(fit, c, tangents))) for c in many]
+    left = [c for c in options if c not in many]
+    best: dict[str, Tested] = {}
+    for k in range(max((len(c.grid) for c in left), default=0)):
+        here = [c for c in left if len(c.grid) > k]
+        shape = {name: value for c in here for name, value in c.grid[k].items()}
+        names = tuple(dict.fromkeys(name for c in here for name in c.strengths))
+        same = runs if all(c.effect not in moving for c in here) else None
+        free, b, lengths, wide = place.judged(bench.derivatives(fit, names, {**place.middle, **shape}, same))
+        for c in here:
+            at = [names.index(name) for name in c.strengths]
+            own = [S[:, at] for S in free]
+            spread = own if wide is free else [W[:, at] for W in wide]
+            tested = _best_of(place, c, [c.grid[k]], own, b[at], lengths[at], spread)
+            if c.name not in best or tested.statistic > best[c.name].statistic:
+                best[c.name] = tested
+    return [*found, *best.values()]
+
+
+def _best_of(
+    place: _Place,
+    candidate: Candidate,
+    shapes: Sequence[Mapping[str, float]],
+    free: Sequence[np.ndarray],
+    b: np.ndarray,
+    lengths: np.ndarray,
+    wide: Sequence[np.ndarray],
+) -> Tested:
+    """The shape that explains most, of those whose columns stand side by side in what ``_Place.judged`` returns."""
+    k = len(candidate.strengths)
+    A = np.asarray(sum(_squares(S, k) for S in free))
+    V = A if wide is free else np.asarray(sum(_squares(W, k) for W in wide))
+    tests = [
+        Normal(candidate.strengths, A[j], b[j * k :][:k], place.normal.rr, V[j]).test(
+            candidate.strengths, lengths[j * k :][:k]
+        )
+        for j in range(len(shapes))
+    ]
+    j = max(range(len(shapes)), key=lambda j: tests[j][0])
+    statistic, rank, step = tests[j]
+    trace = np.concatenate([S[:, j * k : (j + 1) * k] @ step for S in free])
+    trace /= max(float(np.linalg.norm(trace)), 1e-300)
+    values = dict(zip(candidate.strengths, step.tolist(), strict=True))
+    chance = log_p(statistic, rank, len(candidate.grid))
+    return Tested(candidate, chance, statistic, rank, values, dict(shapes[j]), trace)
+
+
+def _squares(S: np.ndarray, k: int) -> np.ndarray:
+    """S'S of every k columns, shape (columns / k, k, k)."""
+    each = [np.ascontiguousarray(S[:, a::k]) for a in range(k)]
+    return np.stack([np.stack([np.einsum("rj,rj->j", x, y) for y in each], -1) for x in each], -2)

@@ -8,9 +8,11 @@ import logging
 import os
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
+from threading import RLock
 from types import ModuleType
 
 import numba
@@ -25,6 +27,7 @@ from ..physics.mechanism import Mechanism
 log = logging.getLogger(__name__)
 
 VERSION = 3
+_LOADING = RLock()  # a module that another thread is still loading lacks its functions
 
 _HEADER = '''"""{title}"""
 
@@ -103,25 +106,26 @@ def cache_folder() -> Path:
 
 def load_module(stem: str, source) -> ModuleType:
     """Import the generated module ``stem``; ``source()`` writes its text where no process has done so before."""
-    path = cache_folder() / f"{stem}.py"
-    if not path.exists():
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".tmp", delete=False) as handle:
-            handle.write(source())
-        os.replace(handle.name, path)
-    name = f"frictionpinn_compiled_{stem}"
-    if name in sys.modules:
-        return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"cannot load {path}")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # numba looks the module up by name when it loads compiled code
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module
+    with _LOADING:
+        path = cache_folder() / f"{stem}.py"
+        if not path.exists():
+            with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".tmp", delete=False) as handle:
+                handle.write(source())
+            os.replace(handle.name, path)
+        name = f"frictionpinn_compiled_{stem}"
+        if name in sys.modules:
+            return sys.modules[name]
+        spec = importlib.util.spec_from_file_location(name, path)
+        if spec is None or spec.loader is None:
+            raise ImportError(f"cannot load {path}")
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module  # numba looks the module up by name when it loads compiled code
+        try:
+            spec.loader.exec_module(module)
+        except BaseException:
+            del sys.modules[name]
+            raise
+        return module
 
 
 class Pointer:
@@ -220,3 +224,19 @@ class Kernels:
     def sensitivity(self) -> ModuleType:
         """Module with ``parameters`` and ``output_derivatives``."""
         return load_module(f"{self.key}_sensitivity", self._sensitivity_source)
+
+    def settles(self, names: Sequence[str]) -> bool:
+        """Whether these parameters enter the rates of effects' states, on which it depends where those rest."""
+        first, count = len(self.mechanism.free), len(self.mechanism.states)
+        rates = self.mechanism.residuals[first : first + count]
+        return any(row.has(sp.Symbol(name, real=True)) for row in rates for name in names)
+
+    def strengths(self, names: tuple[str, ...]):
+        """Function that writes dR/dp (n_w, len(names)) and then the derivatives of the outputs (3, len(names))."""
+        symbols = [par.symbol for par in self.mechanism.parameters if par.name in names]
+        symbols.sort(key=lambda symbol: names.index(symbol.name))
+
+        def source() -> str:
+            return self._source({"strengths": self._derivatives([*self.mechanism.residuals, *self._outputs], symbols)})
+
+        return load_module(f"{self.key}_{equations_key(' '.join(names))[:8]}_strengths", source).strengths

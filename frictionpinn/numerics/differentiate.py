@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..physics.mechanism import Mechanism
 from .bristle import resting_states, steady_bristle
 from .codegen import Kernels, pointer
 from .paths import Directions, InputPath
@@ -79,8 +80,15 @@ def differentiate(
         first = len(wanted.names) - len(given)
         as_given = np.concatenate([np.arange(first), first + given.order])
         ds, dw, outputs = ds[:, :, as_given], dw[:, :, as_given], outputs[:, :, as_given]
+    return named(mechanism, ds, dw, outputs)
+
+
+def named(mechanism: Mechanism, ds: np.ndarray, dw: np.ndarray, outputs: np.ndarray) -> dict[str, np.ndarray]:
+    """Derivatives of states, their rates and (slip velocity, normal force, friction force), all (n, ..., n_sens), by
+    what they are derivatives of."""
+    m = len(mechanism.free)
     result = dict(zip(("v_slip", "N", "F"), np.moveaxis(outputs, 1, 0), strict=True))
-    zero = np.zeros((n, len(wanted.names)))
+    zero = np.zeros(outputs[:, 0].shape)
     result["z"], result["zdot"] = (ds[:, -1], dw[:, -1]) if mechanism.memory else (zero, zero)
     for j, coordinate in enumerate(mechanism.free):
         result.update(zip(coordinate.signals, (ds[:, j], ds[:, m + j], dw[:, j]), strict=True))

@@ -93,6 +93,13 @@ class Sensors:
                 sp.lambdify([truth, *symbols], derivatives, "numpy"),
             )
 
+    @property
+    def own(self) -> frozenset[str]:
+        """Parameters that sensors have."""
+        entering = {name for names, _ in self.partial.values() for name in names}
+        late = {self.parameters[k] for weights in self.delays.values() for k in np.flatnonzero(weights)}
+        return frozenset(entering | late)
+
     def read(self, t: np.ndarray, truth: Mapping[str, np.ndarray], p: np.ndarray) -> Signals:
         """Return what the sensors show, name -> (n,); ``truth`` has all true signals and, where massless, the force."""
         return {name: function(self._late(name, t, truth, p)[0], *p) for name, function in self.shown.items()}

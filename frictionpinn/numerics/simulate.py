@@ -52,7 +52,8 @@ class Simulator:
     analytic Jacobian, in an L-stable, stiffly accurate method of order 3 with adaptive steps that end at every
     sample. So the bristle's rate in sliding (2e4 1/s) does not limit the step, and the normal force may depend on
     the accelerations sought. A mechanism's first use on a machine compiles its equations (about a second).
-    ``steps_taken`` counts the steps of all simulations: effort that does not depend on the machine's load.
+    ``steps_taken`` counts the steps of all simulations: effort that does not depend on the machine's load; ``outside``
+    holds the parameters that act elsewhere than in the equations: in a sensor, or by the delay of an input.
 
     Source: Kvaerno, Singly diagonally implicit Runge-Kutta methods with an explicit first stage, BIT 44 (2004).
     """
@@ -65,6 +66,7 @@ class Simulator:
         self._drive = Drive(mechanism, self.parameter_names)
         self._sensors = Sensors(mechanism, self.parameter_names)
         free, memory = mechanism.free, mechanism.memory
+        self.outside = frozenset({*self._drive.parameters, *self._sensors.own})
         self.steps_taken, self._counting = 0, Lock()
         self.state_names = (*(c.signals[0] for c in free), *(c.signals[1] for c in free), *(["z"] if memory else []))
 
@@ -143,7 +145,7 @@ class Simulator:
         if not wanted.names:
             return result
         steady = z0 == "steady" and "z" not in y0
-        changes = self._changes(result, path, known, vector, wanted, steady)
+        changes = self._changes(result, recorded, path, vector, wanted, steady)
         names = (*sensitivities, *directions)
         if names != wanted.names:
             order = [wanted.names.index(name) for name in names]
@@ -177,29 +179,32 @@ class Simulator:
         """
         vector = self.parameters(p)
         wanted = self._wanted(sensitivities, directions, inputs, vector)
-        path = self._drive.path(inputs, vector)
-        truth = dict(inputs.signals)  # what is, not what sensors show
-        for j, c in enumerate(self.mechanism.free):
-            truth.update(zip(c.signals, (run.q[:, j], run.v[:, j], run.a[:, j]), strict=True))
-        changes = self._changes(run, path, self._known(truth, run.F), vector, wanted, steady)
+        changes = self._changes(run, inputs, self._drive.path(inputs, vector), vector, wanted, steady)
         if (names := (*sensitivities, *directions)) == wanted.names:
             return changes
         order = [wanted.names.index(name) for name in names]
         return {name: columns[:, order] for name, columns in changes.items()}
 
     def _changes(
-        self,
-        run: Simulation,
-        path: InputPath,
-        known: dict[str, np.ndarray],
-        p: np.ndarray,
-        wanted: Wanted,
-        steady: bool,
+        self, run: Simulation, inputs: InputPath, path: InputPath, p: np.ndarray, wanted: Wanted, steady: bool
     ) -> dict[str, np.ndarray]:
         """Derivatives of everything that a simulation shows, by name."""
         changes = differentiate(self.kernels, path, p, run.states, run.unknowns, run.steps, wanted, steady)
-        by_truth = self._known(changes, changes["F"])
-        return changes | self._sensors.differentiate(path.t, known, by_truth, p, wanted.names)
+        return self.shown(run, inputs, p, changes, wanted.names)
+
+    def acting(self, inputs: InputPath, p: np.ndarray) -> InputPath:
+        """The path that acts at a parameter vector: delayed where an effect says so, with the time where it enters."""
+        return self._drive.path(inputs, p)
+
+    def shown(
+        self, run: Simulation, inputs: InputPath, p: np.ndarray, changes: Mapping[str, np.ndarray], names: Sequence[str]
+    ) -> dict[str, np.ndarray]:
+        """Derivatives as the sensors show them, from those of what is; ``names`` as in :class:`Wanted`."""
+        truth = dict(inputs.signals)
+        for j, c in enumerate(self.mechanism.free):
+            truth.update(zip(c.signals, (run.q[:, j], run.v[:, j], run.a[:, j]), strict=True))
+        known, by_truth = self._known(truth, run.F), self._known(changes, changes["F"])
+        return dict(changes) | self._sensors.differentiate(inputs.t, known, by_truth, p, tuple(names))
 
     def _known(self, signals: Mapping[str, np.ndarray], force: np.ndarray) -> dict[str, np.ndarray]:
         """The signals, and the force of a massless system under its input's name."""

@@ -35,7 +35,7 @@ def tries(monkeypatch):
     """What was refitted and what was searched; ``found`` tells the fit of each candidate, ``better`` a search's."""
     seen = SimpleNamespace(refitted=[], searched=[], found={}, better={})
 
-    def add(bench, before, t, thorough=True):
+    def add(bench, before, t, thorough=True, **options):
         seen.refitted.append(t.candidate.effect)
         return seen.found[t.candidate.effect]
 
@@ -69,7 +69,7 @@ def test_beside_a_fit_that_explains_nearly_all_the_others_start_from_there_too_a
     before = fit(1000, 250.0)
     before.values["mu_c"] = 0.5
 
-    def add(bench, start, t, thorough=True):
+    def add(bench, start, t, thorough=True, **options):
         tries.refitted.append((t.candidate.effect, start.values["mu_c"], thorough))
         return asymmetric if t.candidate.effect == "ripple" else found["asymmetry", start.values["mu_c"]]
 
@@ -79,6 +79,30 @@ def test_beside_a_fit_that_explains_nearly_all_the_others_start_from_there_too_a
     assert names(refitted(tries.bench, before, classes, ())) == ["asymmetry", "ripple"]
     assert tries.refitted == [("ripple", 0.5, True), ("asymmetry", 0.5, False), ("asymmetry", 0.3, False)]
     assert tries.searched == [asymmetric, found["asymmetry", 0.3]]
+
+
+def test_once_one_explains_the_residual_others_are_searched_only_where_they_come_near_from_there(tries):
+    spring, explains, ripple = fit(100, 20.0), fit(20, 1.0), fit(130, 20.0)
+    tries.found, tries.better = {"spring_force": spring, "ripple": ripple}, {id(spring): explains}
+    classes = [[option("spring_force", 0)], [option("ripple", 1)]]
+    assert names(refitted(tries.bench, fit(1000, 250.0), classes, ())) == ["spring_force", "ripple"]
+    assert tries.searched == [spring]
+    near, tries.searched = fit(40, 8.0), []
+    tries.bench.refit = lambda found, own, values, **options: None if "limits" in options else near
+    refitted(tries.bench, fit(1000, 250.0), [[option("spring_force", 0)], [option("ripple", 1)]], ())
+    assert tries.searched == [spring, near]
+
+
+def test_where_the_fit_is_astray_a_first_look_says_which_candidate_is_refitted_first(tries, monkeypatch):
+    tries.found = {"ripple": fit(200, 60.0), "spring_force": fit(100, 1.0)}
+    looks = {"ripple": fit(500), "spring_force": fit(150)}
+    monkeypatch.setattr(refits, "_look", lambda bench, before, t: looks[t.candidate.effect])
+    for statistic, order in ((400.0, ["spring_force", "ripple"]), (200.0, ["ripple", "spring_force"])):
+        tries.refitted = []
+        refitted(
+            tries.bench, fit(1000), [[option("ripple", 0, statistic)], [option("spring_force", 1, statistic / 2)]], ()
+        )
+        assert tries.refitted == order
 
 
 def test_what_score_tests_cannot_tell_apart_stays_one_class_where_the_first_of_them_explains_the_residual(tries):

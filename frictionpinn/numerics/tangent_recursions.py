@@ -1,0 +1,127 @@
+"""Compiled recursions of :mod:`.tangent`: the linear equations along a motion, and their answers to what drives them.
+
+numba's cache does not notice a change in a function imported from another file: after editing integrator.py or
+sensitivity.py, touch this file too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, types
+
+from .integrator import F1, F2, F3, KERNEL, OPTIONS, evaluate, factorize, gather, newton_matrix, place
+from .sensitivity import I1, I2, gather_rows, place_rows, solve_rows
+
+
+@njit(types.Tuple((F2, F2, F2, F3, I2, F3))(KERNEL, F2, F1, F3, F1, types.int64, F1, F1, I1, F2, F3), **OPTIONS)
+def linearise(kernel, a, c, coefficients, p, m, s_start, w_start, record_k, record_h, record_w):
+    """Every stage of the recorded steps, the first sample before them: s (count, n_s), w (count, n_w), u (count, n_u),
+    LU factors of Newton's matrix (count, n_w, n_w) with their pivots, and the derivatives of R in the part of s that
+    the stage's own unknowns do not enter (count, n_w, n_s)."""
+    n_s, n_w, stages, n_u = s_start.shape[0], w_start.shape[0], a.shape[0], coefficients.shape[1]
+    count = 1 + record_k.shape[0] * (stages - 1)
+    S, W, U = np.empty((count, n_s)), np.empty((count, n_w)), np.empty((count, n_u))
+    factors, pivots = np.empty((count, n_w, n_w)), np.empty((count, n_w), np.int64)
+    rows = np.empty((count, n_w, n_s))
+    out = np.zeros(n_w + n_w * (n_s + n_w) + 1)
+    s0, known, stages_v, stages_w = s_start.copy(), np.empty(n_s), np.zeros((stages, m)), np.zeros((stages, n_w))
+    at = 0
+    for index in range(-1, record_k.shape[0]):
+        for i in range(1, stages if index >= 0 else 2):
+            if index < 0:
+                hg = 0.0
+                S[0], W[0] = s_start, w_start
+                evaluate(coefficients, 0, 0.0, U[0])
+            else:
+                k, offset, h = record_k[index], record_h[index, 0], record_h[index, 1]
+                hg = h * a[i, i]
+                if i == 1:
+                    stages_w[:] = record_w[index]
+                    stages_v[0] = s0[m : 2 * m]
+                gather(a, i, h, s0, stages_v, stages_w, known)
+                place(known, stages_w[i], hg, m, S[at])
+                W[at] = stages_w[i]
+                evaluate(coefficients, k, offset + c[i] * h, U[at])
+            kernel(S[at], W[at], U[at], p, out)
+            newton_matrix(out, m, n_w, hg, factors[at])
+            factorize(factors[at], pivots[at])
+            for d in range(n_w):
+                for e in range(n_s):
+                    rows[at, d, e] = out[n_w + d * n_s + e]
+                    if e >= m and e < 2 * m:
+                        rows[at, d, e] += hg * out[n_w + d * n_s + e - m]
+            if index >= 0:
+                stages_v[i] = S[at, m : 2 * m]
+                if i == stages - 1:
+                    s0[:] = S[at]
+            at += 1
+    return S, W, U, factors, pivots, rows
+
+
+@njit(
+    types.Tuple((F3, F3))(
+        KERNEL, F2, types.int64, types.int64, F2, F2, F2, F3, I2, F3, F2, types.int64, F2, I1, F2,
+    ),
+    **OPTIONS,
+)  # fmt: skip
+def respond(kernel, a, n, m, S, W, U, factors, pivots, rows, shapes, strengths, start, record_k, record_h):
+    """ds (n, n_s, n_c) and dw (n, n_w, n_c) at the samples, in every strength at every shape: n_c is their product.
+
+    Args:
+        kernel: writes dR by the strengths first, (n_w, strengths).
+        S, W, U, factors, pivots, rows: of :func:`linearise`.
+        shapes: parameter vectors, shape (shapes, n_p).
+        start: ds at the first sample, shape (n_s, n_c).
+    """
+    n_s, n_w, n_c, stages = S.shape[1], W.shape[1], start.shape[1], a.shape[0]
+    states, unknowns = np.empty((n, n_s, n_c)), np.empty((n, n_w, n_c))
+    out = np.zeros((n_w + 3) * strengths)
+    ds, ds0, dknown, rhs = start.copy(), start.copy(), start.copy(), np.empty((n_w, n_c))
+    dstages_v, dstages_w = np.zeros((stages, m, n_c)), np.zeros((stages, n_w, n_c))
+    at = 0
+    for index in range(-1, record_k.shape[0]):
+        if index >= 0:
+            dstages_v[0] = ds0[m : 2 * m]
+            dstages_w[0] = rhs
+        for i in range(1, stages if index >= 0 else 2):
+            h = record_h[index, 1] if index >= 0 else 0.0
+            if index >= 0:
+                gather_rows(a, i, h, n_c, ds0, dstages_v, dstages_w, dknown)
+            for j in range(shapes.shape[0]):
+                kernel(S[at], W[at], U[at], shapes[j], out)
+                for d in range(n_w):
+                    for g in range(strengths):
+                        rhs[d, j * strengths + g] = -out[d * strengths + g]
+            for d in range(n_w):
+                for e in range(n_s):
+                    value = rows[at, d, e]
+                    if value != 0.0:
+                        for c in range(n_c):
+                            rhs[d, c] -= value * dknown[e, c]
+            solve_rows(factors[at], pivots[at], n_c, rhs)
+            if index >= 0:
+                place_rows(dknown, rhs, h * a[i, i], m, n_c, ds)
+                dstages_v[i] = ds[m : 2 * m]
+                dstages_w[i] = rhs
+            at += 1
+        if index >= 0:
+            ds0[:] = ds
+        k = record_k[index] if index >= 0 else -1
+        if index + 1 == record_k.shape[0] or record_k[index + 1] != k:
+            states[k + 1], unknowns[k + 1] = ds, rhs
+    return states, unknowns
+
+
+@njit(F3(KERNEL, F2, F2, F2, F2, types.int64), **OPTIONS)
+def direct(kernel, states, unknowns, inputs, shapes, strengths):
+    """What the outputs change by the strengths at once, shape (n, 3, shapes * strengths): the last entries of
+    ``kernel``, (3, strengths)."""
+    n, n_w = states.shape[0], unknowns.shape[1]
+    result, out = np.empty((n, 3, shapes.shape[0] * strengths)), np.zeros((n_w + 3) * strengths)
+    for k in range(n):
+        for j in range(shapes.shape[0]):
+            kernel(states[k], unknowns[k], inputs[k], shapes[j], out)
+            for i in range(3):
+                for g in range(strengths):
+                    result[k, i, j * strengths + g] = out[(n_w + i) * strengths + g]
+    return result
