@@ -12,7 +12,6 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..identify.likelihood import find_start, maximum_likelihood, with_bristle
-from ..identify.linear import Rows, linearise, weighted
 from ..identify.problem import Problem, in_parallel
 from ..identify.result import FAILED
 from ..identify.solve import Evaluate, State, levenberg_marquardt
@@ -21,9 +20,7 @@ from ..identify.start import default_bounds
 from ..identify.trial import TrialModel
 from ..identify.units import Sizes
 from ..numerics.simulate import ContactLost, Simulation, SimulationFailed, Simulator
-from ..numerics.tangent import Tangent
 from ..physics.mechanism import Mechanism
-from .candidates import Candidate
 from .declared import fit_declared
 from .fit import Fit
 from .parts import Parts
@@ -257,67 +254,12 @@ class Bench:
         first = evaluate(u, [model.local[: model.size(problem.joint)] for model in bristle], True)
         return None if first is None else (problem, bristle, first, evaluate)
 
-    # what a fit leaves ---------------------------------------------------------------------------------------
-    def derivatives(
-        self, fit: Fit, names: Sequence[str], values: Mapping[str, float], runs: Sequence[Simulation] | None
-    ) -> list[Rows]:
-        """As :meth:`linearise`, in the outputs alone and without the trials' own unknowns.
-
-        ``runs`` are the fit's simulations where these values do not move them; else it is simulated anew.
-        """
-        p = fit.values | dict(values)
-
-        def work(k: int) -> Rows:
-            model, local = fit.models[k], fit.locals[k]
-            path = model.path(local)
-            if runs is None:
-                run = self.simulator.simulate(model.t, path, p, model.initial(p, local), z0="steady",
-                                              sensitivities=names)  # fmt: skip
-                changes = run.sensitivities
-            else:
-                changes = self.simulator.differentiate(runs[k], path, p, names, steady="z" not in model.start)
-            J = np.stack([changes[key] for key in model.outputs.values()])
-            return weighted(model, fit.state.pieces[k].residuals, J, fit.sigmas, self.problem.loss)
-
-        return in_parallel(work, [len(model.t) for model in fit.models])
-
-    def responses(self, fit: Fit, candidate: Candidate, tangents: Sequence[Tangent]) -> list[Rows]:
-        """As :meth:`derivatives`, in a candidate's strengths at every point of its grid: these side by side."""
-
-        def work(k: int) -> Rows:
-            model = fit.models[k]
-            changes = tangents[k].respond(candidate.strengths, candidate.grid)
-            J = np.stack([changes[key] for key in model.outputs.values()])
-            return weighted(model, fit.state.pieces[k].residuals, J, fit.sigmas, self.problem.loss)
-
-        return in_parallel(work, [len(model.t) for model in fit.models])
-
-    def tangents(self, fit: Fit, values: Mapping[str, float], runs: Sequence[Simulation]) -> list[Tangent]:
-        """The linear equations along the fit's simulations, at values that do not move them."""
-        p = fit.values | dict(values)
-        return [
-            Tangent(self.simulator, run, model.path(local), p, steady="z" not in model.start)
-            for model, local, run in zip(fit.models, fit.locals, runs, strict=True)
-        ]
-
     def simulate(self, fit: Fit, strict: bool = False) -> list[Simulation]:
         """Every trial at the fit; ``strict`` with every candidate, where sensitivities to any are to be added."""
 
         def work(k: int) -> Simulation:
             model = replace(fit.models[k], simulator=self.simulator) if strict else fit.models[k]
             return model.simulate(fit.values, fit.locals[k], strict=strict)
-
-        return in_parallel(work, [len(model.t) for model in fit.models])
-
-    def linearise(
-        self, fit: Fit, names: Sequence[str], values: Mapping[str, float] | None = None, probed: bool = False
-    ) -> list[Rows]:
-        """Weighted residuals of every trial, and their derivatives in ``names``, at the fit or with other values."""
-        p, simulator = fit.values | dict(values or {}), self.probe if probed else self.simulator
-
-        def work(k: int) -> Rows:
-            model = replace(fit.models[k], simulator=simulator)
-            return linearise(model, p, fit.locals[k], fit.sigmas, self.problem.loss, names, self.problem.joint)
 
         return in_parallel(work, [len(model.t) for model in fit.models])
 

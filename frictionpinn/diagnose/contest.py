@@ -11,8 +11,9 @@ from .bench import Bench
 from .candidates import Candidate
 from .fit import Fit
 from .held_out import compared_gains, held_out_gain
-from .refits import DEEP, NEAR, Contender, contenders, penalised, refitted
+from .refits import DEEP, NEAR, Contender, contenders, refitted
 from .scan import Tested
+from .tries import penalised
 
 DECISIVE = 2.0  # log-likelihood of the held-out trials by which one of several rivals wins
 TIED = 1.0  # log-likelihood: of fits that differ by less, on either trials, the more usual effect stands first

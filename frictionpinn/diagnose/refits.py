@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from .bench import Bench
 from .fit import Fit
-from .restarts import lifted
 from .scan import Tested
 from .score import ALIKE
+from .tries import ASTRAY, add, better, leaves_little, look, penalised, reach
 
 log = logging.getLogger(__name__)
 
 CONTENDERS = 7  # candidates that are refitted in a round
-ASTRAY = 300.0  # statistic from which the fit is taken to be in a wrong minimum for want of the effect
 WORTH = 0.5, 0.25  # of the best statistic: candidates with less are not refitted; where the fit is astray
 PROMISING = 0.5  # of the cost beyond noise: contenders that take off less are not the first to search anew
-NEARLY = 0.1  # of the correlation before: a refit that leaves less explains nearly all
 MATES = 3  # of the best contender, if it leaves more than noise: refitted too
-ROUGH, BETTER = 6, 5  # iterations of a first look at candidates outside the classes, and how many are then refitted
+BETTER = 5  # candidates outside the classes that are refitted after a first look at all
 SHORT = 12  # iterations of a try beside a candidate that leaves little
 DEEP = 3  # contenders that are searched anew where no refit explains the residual
 NEAR = 50.0  # log-likelihood: rivals that are searched anew too, should the winner prove to be in a wrong minimum
@@ -79,7 +76,7 @@ def _promising_first(bench: Bench, before: Fit, classes: list[list[Tested]]) -> 
     first = [g for g in classes if g[0].beside is None]
     if len(first) < 2 or max(g[0].statistic for g in first) <= ASTRAY:
         return classes
-    looks = [(_look(bench, before, group[0]), group) for group in first]
+    looks = [(look(bench, before, group[0]), group) for group in first]
     looks.sort(key=lambda pair: np.inf if pair[0] is None else penalised(pair[0]))
     return [*(group for _, group in looks), *(g for g in classes if g[0].beside is not None)]
 
@@ -98,20 +95,11 @@ def _explained(fits: Sequence[Contender]) -> bool:
 
 def _nearly(before: Fit, fits: Sequence[Contender]) -> bool:
     """Whether a fit leaves so little that what is left to do is to polish it, not to look elsewhere."""
-    return any(_leaves_little(before, fit) for _, fit in fits)
-
-
-def _leaves_little(before: Fit, fit: Fit) -> bool:
-    return fit.explains or fit.correlation < NEARLY * before.correlation
+    return any(leaves_little(before, fit) for _, fit in fits)
 
 
 def _best(fits: Sequence[Contender]) -> Contender:
     return min(fits, key=lambda pair: penalised(pair[1]))
-
-
-def better(*fits: Fit | None) -> Fit | None:
-    """The fit of least cost; None where there is none."""
-    return min((f for f in fits if f is not None), key=lambda f: f.state.cost, default=None)
 
 
 def _as(before: Fit, found: Contender) -> Fit:
@@ -211,7 +199,7 @@ def _try_others(
     """Refit the best candidates outside the classes, each as a class of its own, until one explains the residual."""
     known = [group[0].trace for group in classes]
     left = [t for t in others if all(abs(float(trace @ t.trace)) < ALIKE for trace in known)]
-    looks = [(tested, _look(bench, before, tested)) for tested in left]
+    looks = [(tested, look(bench, before, tested)) for tested in left]
     ranked = sorted(((t, f) for t, f in looks if f is not None), key=lambda pair: penalised(pair[1]))
     for tested, _ in ranked[:BETTER]:
         found = add(bench, before, tested, thorough=False)
@@ -219,17 +207,6 @@ def _try_others(
         fits += [(tested, found)] if found is not None else []
         if found is not None and found.explains:
             return
-
-
-def _look(bench: Bench, fit: Fit, tested: Tested) -> Fit | None:
-    """A few iterations with a candidate, from neutral: enough to rank it."""
-    names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
-    back = lifted(bench.problem, bench.sizes, fit.values)
-    fits = []
-    for base in (fit.values, *([back] if back else [])):
-        values = bench.clip({**base, **tested.shape})
-        fits.append(bench.refit(fit, names, values, limits=reach(tested), iterations=ROUGH))
-    return min((f for f in fits if f is not None), key=penalised, default=None)
 
 
 def contenders(significant: Sequence[Tested]) -> list[list[Tested]]:
@@ -244,57 +221,3 @@ def contenders(significant: Sequence[Tested]) -> list[list[Tested]]:
         elif len(classes) < CONTENDERS and tested.statistic > worth:
             classes.append([tested])
     return [sorted(group, key=lambda t: (t.candidate.usual, min(t.step.values()) < 0)) for group in classes]
-
-
-def penalised(fit: Fit) -> float:
-    """Cost and half a unit of log-likelihood times log n for every parameter (Bayesian information criterion)."""
-    return fit.state.cost + 0.5 * len(fit.names) * np.log(fit.count)
-
-
-def add(bench: Bench, fit: Fit, tested: Tested, thorough: bool = True, **options: Any) -> Fit | None:
-    """Refit with a candidate's strengths and hidden parameters, from the fit and, where that is astray, from others.
-
-    ``options`` as of :meth:`Bench.refit`.
-    """
-    limits, step = reach(tested), tested.step
-    names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
-    worth = fit.state.cost - 0.3 * tested.statistic / 2
-    if tested.beside is not None:
-        worth = fit.state.cost  # its statistic is that beside a fit held elsewhere
-    tries: list[Fit] = []
-    for base in _bases(bench, fit, tested, thorough):
-        # From neutral, since Gauss-Newton moves all parameters together; from its step where that fails.
-        for share in (0.0, 1.0):
-            values = {**base, **tested.shape} | {name: share * value for name, value in step.items()}
-            found = bench.refit(fit, names, bench.clip(values), limits=limits, **options)
-            if found is not None:
-                tries.append(found)
-            if found is not None and found.state.cost < worth:
-                break
-        if any(_leaves_little(fit, made) for made in tries):
-            break
-    return better(*tries)
-
-
-def _bases(bench: Bench, fit: Fit, tested: Tested, thorough: bool) -> Iterator[Mapping[str, float]]:
-    """Parameters to add a candidate to, the likeliest first."""
-    if tested.beside is not None:
-        yield tested.beside
-        return
-    yield fit.values
-    back = lifted(bench.problem, bench.sizes, fit.values)
-    if back:
-        yield back
-    if thorough and tested.statistic > ASTRAY:
-        yield from ({**fit.values, **start} for start in bench.starts)
-
-
-def reach(tested: Tested) -> dict[str, tuple[float, float]]:
-    """Values that hidden parameters may take: those tried, and somewhat beyond."""
-    result = {}
-    for name in tested.candidate.hidden:
-        values = [point[name] for point in tested.candidate.grid]
-        low, high = min(values), max(values)
-        wide = 0.1 * (high - low)
-        result[name] = (low / 1.5, high * 1.5) if low > 0 else (low - wide, high + wide)
-    return result

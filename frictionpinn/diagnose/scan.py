@@ -15,6 +15,7 @@ from .candidates import Candidate
 from .fit import Fit
 from .noise import Noise, fit_noise
 from .remainder import BUMPS, Remainder
+from .rows import derivatives, linearise, responses, tangents
 from .score import Columns, Normal, log_p, project, solve
 
 
@@ -104,7 +105,7 @@ def scan(
     unknown = tuple(name for r in remainders for names in _groups(r).values() for name in names)
     middle = {name: value for c in options for name, value in c.grid[len(c.grid) // 2].items()}
     names = (*fit.names, *strengths, *unknown)
-    rows = bench.linearise(fit, names, {**middle, **places}, probed=bool(remainders))
+    rows = linearise(bench, fit, names, {**middle, **places}, probed=bool(remainders))
     noise, freedom = _noise(rows, names)
     columns = _columns(rows, noise)
     normal = Normal.of(names, columns)
@@ -202,8 +203,8 @@ def _tested(place: _Place, options: Sequence[Candidate]) -> list[Tested]:
         c for c in options
         if len(c.grid) > 1 and c.effect not in moving and Tangent.answers(bench.simulator, c.strengths)
     ]  # fmt: skip
-    tangents = bench.tangents(fit, place.middle, runs)
-    found = [_best_of(place, c, c.grid, *place.judged(bench.responses(fit, c, tangents))) for c in many]
+    along = tangents(bench, fit, place.middle, runs)
+    found = [_best_of(place, c, c.grid, *place.judged(responses(bench, fit, c, along))) for c in many]
     left = [c for c in options if c not in many]
     best: dict[str, Tested] = {}
     for k in range(max((len(c.grid) for c in left), default=0)):
@@ -211,7 +212,7 @@ def _tested(place: _Place, options: Sequence[Candidate]) -> list[Tested]:
         shape = {name: value for c in here for name, value in c.grid[k].items()}
         names = tuple(dict.fromkeys(name for c in here for name in c.strengths))
         same = runs if all(c.effect not in moving for c in here) else None
-        free, b, lengths, wide = place.judged(bench.derivatives(fit, names, {**place.middle, **shape}, same))
+        free, b, lengths, wide = place.judged(derivatives(bench, fit, names, {**place.middle, **shape}, same))
         for c in here:
             at = [names.index(name) for name in c.strengths]
             own = [S[:, at] for S in free]

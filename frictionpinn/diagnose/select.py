@@ -12,10 +12,10 @@ from .bench import Bench
 from .candidates import Candidate
 from .contest import Accepted, Refused, Settings, contest, needed
 from .fit import Fit
-from .refits import add, better, penalised
 from .remainder import Remainder
 from .restarts import lifted, peaked
 from .scan import Scanned, Tested, scan
+from .tries import add, better, penalised
 
 __all__ = ["Accepted", "Refused", "Selection", "Settings", "select"]
 

@@ -11,6 +11,7 @@ from sklearn.linear_model import OrthogonalMatchingPursuit
 from .bench import Bench
 from .fit import Fit
 from .remainder import BUMPS, Remainder
+from .rows import linearise
 from .scan import Remaining
 from .score import Columns, Normal
 
@@ -82,7 +83,7 @@ def explained_share(bench: Bench, fit: Fit, found: Remaining, places: dict[str, 
     if checked is None:
         return float("nan")
     names = tuple(f"{found.kind}_{found.variable}_{k}" for k in range(BUMPS))
-    rows = bench.linearise(checked, names, places, probed=True)
+    rows = linearise(bench, checked, names, places, probed=True)
     columns = [Columns.of(row, None) for row in rows]
     normal = Normal.of(names, columns)
     # A fit may take what it lacks for noise; differences from sample to sample do not.

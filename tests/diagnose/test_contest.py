@@ -9,7 +9,8 @@ import pytest
 from frictionpinn.diagnose import contest
 from frictionpinn.diagnose.candidates import Candidate
 from frictionpinn.diagnose.contest import _decide
-from frictionpinn.diagnose.refits import _best_of_each, penalised
+from frictionpinn.diagnose.refits import _best_of_each
+from frictionpinn.diagnose.tries import penalised
 
 
 def contender(effect: str, cost: float, held: float = 0.0):

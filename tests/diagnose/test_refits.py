@@ -10,6 +10,7 @@ import pytest
 
 from frictionpinn.diagnose import bench as benches
 from frictionpinn.diagnose import refits
+from frictionpinn.diagnose import tries as tries_
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.candidates import Candidate
 from frictionpinn.diagnose.refits import BETTER, refitted
@@ -96,7 +97,7 @@ def test_once_one_explains_the_residual_others_are_searched_only_where_they_come
 def test_where_the_fit_is_astray_a_first_look_says_which_candidate_is_refitted_first(tries, monkeypatch):
     tries.found = {"ripple": fit(200, 60.0), "spring_force": fit(100, 1.0)}
     looks = {"ripple": fit(500), "spring_force": fit(150)}
-    monkeypatch.setattr(refits, "_look", lambda bench, before, t: looks[t.candidate.effect])
+    monkeypatch.setattr(refits, "look", lambda bench, before, t: looks[t.candidate.effect])
     for statistic, order in ((400.0, ["spring_force", "ripple"]), (200.0, ["ripple", "spring_force"])):
         tries.refitted = []
         refitted(
@@ -140,8 +141,8 @@ def test_where_no_contender_explains_the_residual_the_best_of_all_others_are_ref
     refits_look = {(*fit(0).names, name): found for name, found in looks.items()}
     tries.bench.refit = lambda before, own, values, **options: refits_look.get(tuple(own))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(refits, "lifted", lambda *a: None)
-        patch.setattr(refits, "reach", lambda t: {})
+        patch.setattr(tries_, "lifted", lambda *a: None)
+        patch.setattr(tries_, "reach", lambda t: {})
         classes = [[others[0]]]
         refitted(tries.bench, fit(1000), classes, others)
     assert tries.refitted == ["effect_0", *(f"effect_{k}" for k in range(11, 11 - BETTER, -1))]

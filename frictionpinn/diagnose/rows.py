@@ -1,0 +1,76 @@
+"""What a fit leaves, and its derivatives in whatever may be missing, in units of the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..identify import linear
+from ..identify.linear import Rows, weighted
+from ..identify.problem import in_parallel
+from ..numerics.simulate import Simulation
+from ..numerics.tangent import Tangent
+from .bench import Bench
+from .candidates import Candidate
+from .fit import Fit
+
+
+def linearise(
+    bench: Bench, fit: Fit, names: Sequence[str], values: Mapping[str, float] | None = None, probed: bool = False
+) -> list[Rows]:
+    """Weighted residuals of every trial, and their derivatives in ``names``, at the fit or with other values."""
+    p, simulator = fit.values | dict(values or {}), bench.probe if probed else bench.simulator
+
+    def work(k: int) -> Rows:
+        model = replace(fit.models[k], simulator=simulator)
+        return linear.linearise(model, p, fit.locals[k], fit.sigmas, bench.problem.loss, names, bench.problem.joint)
+
+    return in_parallel(work, [len(model.t) for model in fit.models])
+
+
+def derivatives(
+    bench: Bench, fit: Fit, names: Sequence[str], values: Mapping[str, float], runs: Sequence[Simulation] | None
+) -> list[Rows]:
+    """As :func:`linearise`, in the outputs alone and without the trials' own unknowns.
+
+    ``runs`` are the fit's ``strict`` simulations where these values do not move them; else it is simulated anew.
+    """
+    p, simulator = fit.values | dict(values), bench.simulator
+
+    def work(k: int) -> Rows:
+        model, local = fit.models[k], fit.locals[k]
+        path = model.path(local)
+        if runs is None:
+            run = simulator.simulate(model.t, path, p, model.initial(p, local), z0="steady", sensitivities=names)
+            changes = run.sensitivities
+        else:
+            changes = simulator.differentiate(runs[k], path, p, names, steady="z" not in model.start)
+        return _weighted(bench, fit, k, changes)
+
+    return in_parallel(work, [len(model.t) for model in fit.models])
+
+
+def tangents(bench: Bench, fit: Fit, values: Mapping[str, float], runs: Sequence[Simulation]) -> list[Tangent]:
+    """The linear equations along the fit's ``strict`` simulations, at values that do not move them."""
+    p = fit.values | dict(values)
+    return [
+        Tangent(bench.simulator, run, model.path(local), p, steady="z" not in model.start)
+        for model, local, run in zip(fit.models, fit.locals, runs, strict=True)
+    ]
+
+
+def responses(bench: Bench, fit: Fit, candidate: Candidate, along: Sequence[Tangent]) -> list[Rows]:
+    """As :func:`derivatives`, in a candidate's strengths at every point of its grid: these side by side."""
+
+    def work(k: int) -> Rows:
+        return _weighted(bench, fit, k, along[k].respond(candidate.strengths, candidate.grid))
+
+    return in_parallel(work, [len(model.t) for model in fit.models])
+
+
+def _weighted(bench: Bench, fit: Fit, k: int, changes: Mapping[str, np.ndarray]) -> Rows:
+    model = fit.models[k]
+    J = np.stack([changes[key] for key in model.outputs.values()])
+    return weighted(model, fit.state.pieces[k].residuals, J, fit.sigmas, bench.problem.loss)

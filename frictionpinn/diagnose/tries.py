@@ -1,0 +1,92 @@
+"""A candidate fitted together with all parameters, from the starts that may lead to its best fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from .bench import Bench
+from .fit import Fit
+from .restarts import lifted
+from .scan import Tested
+
+ASTRAY = 300.0  # statistic from which the fit is taken to be in a wrong minimum for want of the effect
+NEARLY = 0.1  # of the correlation before: a refit that leaves less explains nearly all
+ROUGH = 6  # iterations of a first look
+
+
+def penalised(fit: Fit) -> float:
+    """Cost and half a unit of log-likelihood times log n for every parameter (Bayesian information criterion)."""
+    return fit.state.cost + 0.5 * len(fit.names) * np.log(fit.count)
+
+
+def better(*fits: Fit | None) -> Fit | None:
+    """The fit of least cost; None where there is none."""
+    return min((f for f in fits if f is not None), key=lambda f: f.state.cost, default=None)
+
+
+def leaves_little(before: Fit, fit: Fit) -> bool:
+    """Whether what is left to do is to polish the fit, not to look elsewhere."""
+    return fit.explains or fit.correlation < NEARLY * before.correlation
+
+
+def look(bench: Bench, fit: Fit, tested: Tested) -> Fit | None:
+    """A few iterations with a candidate, from neutral: enough to rank it."""
+    names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
+    back = lifted(bench.problem, bench.sizes, fit.values)
+    fits = []
+    for base in (fit.values, *([back] if back else [])):
+        values = bench.clip({**base, **tested.shape})
+        fits.append(bench.refit(fit, names, values, limits=reach(tested), iterations=ROUGH))
+    return min((f for f in fits if f is not None), key=penalised, default=None)
+
+
+def add(bench: Bench, fit: Fit, tested: Tested, thorough: bool = True, **options: Any) -> Fit | None:
+    """Refit with a candidate's strengths and hidden parameters, from the fit and, where that is astray, from others.
+
+    ``options`` as of :meth:`Bench.refit`.
+    """
+    limits, step = reach(tested), tested.step
+    names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
+    worth = fit.state.cost - 0.3 * tested.statistic / 2
+    if tested.beside is not None:
+        worth = fit.state.cost  # its statistic is that beside a fit held elsewhere
+    tries: list[Fit] = []
+    for base in _bases(bench, fit, tested, thorough):
+        # From neutral, since Gauss-Newton moves all parameters together; from its step where that fails.
+        for share in (0.0, 1.0):
+            values = {**base, **tested.shape} | {name: share * value for name, value in step.items()}
+            found = bench.refit(fit, names, bench.clip(values), limits=limits, **options)
+            if found is not None:
+                tries.append(found)
+            if found is not None and found.state.cost < worth:
+                break
+        if any(leaves_little(fit, made) for made in tries):
+            break
+    return better(*tries)
+
+
+def _bases(bench: Bench, fit: Fit, tested: Tested, thorough: bool) -> Iterator[Mapping[str, float]]:
+    """Parameters to add a candidate to, the likeliest first."""
+    if tested.beside is not None:
+        yield tested.beside
+        return
+    yield fit.values
+    back = lifted(bench.problem, bench.sizes, fit.values)
+    if back:
+        yield back
+    if thorough and tested.statistic > ASTRAY:
+        yield from ({**fit.values, **start} for start in bench.starts)
+
+
+def reach(tested: Tested) -> dict[str, tuple[float, float]]:
+    """Values that hidden parameters may take: those tried, and somewhat beyond."""
+    result = {}
+    for name in tested.candidate.hidden:
+        values = [point[name] for point in tested.candidate.grid]
+        low, high = min(values), max(values)
+        wide = 0.1 * (high - low)
+        result[name] = (low / 1.5, high * 1.5) if low > 0 else (low - wide, high + wide)
+    return result
