@@ -9,7 +9,7 @@ import numpy as np
 import sympy as sp
 
 from ..physics.mechanism import Mechanism
-from .delay import shift_pieces, shift_samples
+from .delay import shift_directions, shift_pieces, shift_samples, together
 from .paths import DEGREE, Directions, InputPath
 
 Signals = dict[str, np.ndarray]
@@ -33,30 +33,34 @@ class Drive:
         """Return the change of what acts for a change of the recorded inputs."""
         return self._extended(self._late(recorded, p), 0.0)
 
-    def directions(self, recorded: Directions, p: np.ndarray) -> Directions | None:
-        """Return all these changes as they were made ready; None where inputs act late."""
-        if any(float(weights @ p) != 0 for weights in self.delays.values()):
-            return None
+    def directions(self, recorded: Directions, t: np.ndarray, p: np.ndarray) -> Directions:
+        """Return all these changes, as they were made ready where no input acts late."""
+        if len(recorded) and (late := self._shifts(p)):
+            recorded = shift_directions(t, recorded, late)
         return recorded.timed if self.timed else recorded
 
     def delay_direction(self, name: str, recorded: InputPath, p: np.ndarray) -> InputPath:
         """Return the derivative of what acts in the delay parameter ``name``."""
         rates = np.zeros_like(recorded.coefficients)
         for column, weights in self.delays.items():
-            weight = weights[self.parameters[name]]
-            pieces = recorded.coefficients[:, [column]]
-            rates[:, [column]] = weight * shift_pieces(recorded.t, pieces, float(weights @ p), rate=True)
+            rates[:, column] = weights[self.parameters[name]]
+        for shift, columns in together({column: float(weights @ p) for column, weights in self.delays.items()}):
+            if rates[:, columns].any():
+                rates[:, columns] *= shift_pieces(recorded.t, recorded.coefficients[:, columns], shift, rate=True)
         return self._extended(replace(recorded, coefficients=rates), 0.0)
 
-    def _late(self, path: InputPath, p: np.ndarray) -> InputPath:
+    def _shifts(self, p: np.ndarray) -> dict[int, float]:
+        """Columns that act late, and by how much, s."""
         shifts = {column: float(weights @ p) for column, weights in self.delays.items()}
-        late = {column: shift for column, shift in shifts.items() if shift != 0}
+        return {column: shift for column, shift in shifts.items() if shift != 0}
+
+    def _late(self, path: InputPath, p: np.ndarray) -> InputPath:
+        late = self._shifts(p)
         if not late:
             return path
         coefficients = path.coefficients.copy()
-        for column, shift in late.items():
-            if coefficients[:, column].any():
-                coefficients[:, column] = shift_pieces(path.t, path.coefficients[:, [column]], shift)[:, 0]
+        for shift, columns in together(late):
+            coefficients[:, columns] = shift_pieces(path.t, path.coefficients[:, columns], shift)
         return replace(path, coefficients=coefficients)
 
     def _extended(self, path: InputPath, rate: float) -> InputPath:

@@ -209,15 +209,44 @@ class Directions:
             if path.coefficients.shape != tuple(shape):
                 raise UserError("direction on other times than the path", where=f"directions.{name}")
         coefficients = np.zeros((len(paths), *shape))
-        samples = np.zeros((len(paths), shape[0] + 1, shape[1]))
         for j, path in enumerate(paths.values()):
-            coefficients[j], samples[j] = path.coefficients, path.samples
-        acts = (coefficients != 0).any(axis=(2, 3))
-        first = np.where(acts.any(axis=1), acts.argmax(axis=1), shape[0])
-        last = np.where(acts.any(axis=1), shape[0] - 1 - acts[:, ::-1].argmax(axis=1), -1)
-        place = np.argsort(first, kind="stable")
-        support = np.stack([first, last], axis=1)[place].astype(np.int64)
-        return cls(dict(paths), coefficients[place], samples[place], support, np.argsort(place))
+            coefficients[j] = path.coefficients
+        t = next(iter(paths.values())).t
+        support = _support(coefficients)
+        place = np.argsort(support[:, 0], kind="stable")
+        samples = _at_samples(coefficients, t)
+        return cls(dict(paths), coefficients[place], samples[place], support[place], np.argsort(place))
+
+    def moved(self, coefficients: np.ndarray, t: np.ndarray) -> Directions:
+        """The same paths with other coefficients, shape and order those of ``coefficients``, at the times t."""
+        return replace(
+            self, coefficients=coefficients, samples=_at_samples(coefficients, t), support=_support(coefficients)
+        )
+
+    def beside(self, others: Directions) -> Directions:
+        """These after the others, by name."""
+        support = np.concatenate([others.support, self.support])
+        place = np.argsort(support[:, 0], kind="stable")
+        order = np.argsort(place)[np.concatenate([others.order, self.order + len(others)])]
+        coefficients = np.concatenate([others.coefficients, self.coefficients])
+        samples = np.concatenate([others.samples, self.samples])
+        if (np.diff(place) < 0).any():
+            coefficients, samples = coefficients[place], samples[place]
+        return Directions(dict(others.paths) | dict(self.paths), coefficients, samples, support[place], order)
+
+
+def _at_samples(coefficients: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """What acts at the times t, shape (n_d, n, n_u)."""
+    last = coefficients[:, -1] @ (t[-1] - t[-2]) ** np.arange(DEGREE + 1)
+    return np.concatenate([coefficients[..., 0], last[:, None]], axis=1)
+
+
+def _support(coefficients: np.ndarray) -> np.ndarray:
+    """First and last interval in which each direction acts, shape (n_d, 2)."""
+    acts, count = (coefficients != 0).any(axis=(2, 3)), coefficients.shape[1]
+    first = np.where(acts.any(axis=1), acts.argmax(axis=1), count)
+    last = np.where(acts.any(axis=1), count - 1 - acts[:, ::-1].argmax(axis=1), -1)
+    return np.stack([first, last], axis=1).astype(np.int64)
 
 
 def _checked_times(t: np.ndarray) -> np.ndarray:

@@ -257,11 +257,14 @@ class Simulator:
         for name, direction in given.items():
             if direction.coefficients.shape != path.coefficients.shape:
                 raise UserError("direction on other times than the path", where=f"directions.{name}")
-        ready = self._drive.directions(directions, p) if isinstance(directions, Directions) else None
-        acting = {name: self._drive.delay_direction(name, path, p) for name in names if name in self._drive.parameters}
-        if acting or ready is None:
-            acting |= {name: self._drive.direction(direction, p) for name, direction in given.items()}
-            ready = Directions.of(acting, self._drive.path(path, p).coefficients.shape)
+        if isinstance(directions, Directions):
+            ready = self._drive.directions(directions, path.t, p)
+        else:
+            shape = self._drive.path(path, p).coefficients.shape
+            ready = Directions.of({name: self._drive.direction(d, p) for name, d in given.items()}, shape)
+        late = {name: self._drive.delay_direction(name, path, p) for name in names if name in self._drive.parameters}
+        if late:
+            ready = ready.beside(Directions.of(late, ready.coefficients.shape[1:]))
         plain, n_p, m = [n for n in names if n not in ready], len(self.parameter_names), len(self.mechanism.free)
         place = {name: i for i, name in enumerate(valid)}
         index = np.array([place[name] for name in plain] + [-1] * len(ready), dtype=np.int64)
