@@ -21,6 +21,7 @@ WORTH = 0.5, 0.25  # of the best statistic: candidates with less are not refitte
 PROMISING = 0.5  # of the cost beyond noise: contenders that take off less are not the first to search anew
 MATES = 3  # of the best contender, if it leaves more than noise: refitted too
 BETTER = 5  # candidates outside the classes that are refitted after a first look at all
+TOLD = 1.0  # log-likelihood: class mates whose fits differ by more are fitted from one another
 SHORT = 12  # iterations of a try beside a candidate that leaves little
 DEEP = 3  # contenders that are searched anew where no refit explains the residual
 NEAR = 50.0  # log-likelihood: rivals that are searched anew too, should the winner prove to be in a wrong minimum
@@ -41,7 +42,7 @@ def refitted(bench: Bench, before: Fit, classes: list[list[Tested]], others: Seq
         fits += [(group[0], found)] if found is not None else []
     fits = _best_of_each(fits)
     if fits and not _explained(fits):
-        fits += _alike_refitted(bench, before, classes, _best(fits))
+        fits = _alike_refitted(bench, before, classes, fits)
     if bench.mechanism.memory and fits:
         if _explained(fits):
             fits = _rivals_searched(bench, before, fits)
@@ -108,20 +109,38 @@ def _as(before: Fit, found: Contender) -> Fit:
     return replace(before, values=values, state=replace(before.state, locals=found[1].locals))
 
 
-def _alike_refitted(bench: Bench, before: Fit, classes: list[list[Tested]], best: Contender) -> list[Contender]:
-    """The best's class mates, refitted from its parameters: what the score tests could not tell apart a fit may.
+def _alike_refitted(
+    bench: Bench, before: Fit, classes: list[list[Tested]], fits: Sequence[Contender]
+) -> list[Contender]:
+    """The fits and those of the best's class mates, each from the best's parameters: what the score tests could not
+    tell apart a fit may, but one that stopped short of another is tried from there first.
 
     Those that were refitted leave the class and are one each.
     """
-    group = next(g for g in classes if g[0] is best[0])
-    fits: list[Contender] = []
+    head = _best(fits)
+    group = next(g for g in classes if g[0] is head[0])
+    made = [head]
     for tested in group[1 : 1 + MATES]:
-        found = add(bench, _as(before, best), tested, thorough=False)
+        found = add(bench, _as(before, head), tested, thorough=False)
         if found is not None:
-            fits.append((tested, found))
+            made.append((tested, found))
             group.remove(tested)
             classes.append([tested])
-    return fits
+    best = _best(made)
+    for k, (tested, fit) in enumerate(made):
+        if penalised(fit) > penalised(best[1]) + TOLD:
+            values = fit.values | _alike_strength(tested, best)
+            there = replace(fit, values=values, state=replace(fit.state, locals=best[1].state.locals))
+            made[k] = tested, better(fit, _moved(bench, tested, there, best[1])) or fit
+    return [*(pair for pair in fits if pair is not head), *made]
+
+
+def _alike_strength(tested: Tested, best: Contender) -> dict[str, float]:
+    """The strength that makes what the best's does, as far as the score tests tell: {} where there are several."""
+    if len(tested.step) != 1 or len(best[0].step) != 1:
+        return {}
+    ((name, step),), ((other, unit),) = tested.step.items(), best[0].step.items()
+    return {name: best[1].values[other] * step / unit} if unit else {}
 
 
 def _out_of_wrong_minima(

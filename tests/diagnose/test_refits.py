@@ -19,7 +19,7 @@ from frictionpinn.diagnose.refits import BETTER, refitted
 def fit(cost: float, correlation: float = 50.0):
     """A stub of a fit: what remains of it is noise where its correlation is below 4.5."""
     return SimpleNamespace(
-        names=("mu_c",), values=defaultdict(float, mu_c=0.3), count=1000, state=SimpleNamespace(cost=cost),
+        names=("mu_c",), values=defaultdict(float, mu_c=0.3), count=1000, state=SimpleNamespace(cost=cost, locals=()),
         correlation=correlation, explains=correlation < 4.5, minima=(), locals=(),
     )  # fmt: skip
 
@@ -27,7 +27,7 @@ def fit(cost: float, correlation: float = 50.0):
 def option(effect: str, trace: int = 0, statistic: float = 0.0):
     own = np.eye(40)[trace]
     return SimpleNamespace(
-        candidate=Candidate(effect, effect, (effect,)), beside=None, trace=own, shape={}, statistic=statistic
+        candidate=Candidate(effect, effect, (effect,)), beside=None, trace=own, shape={}, statistic=statistic, step={}
     )
 
 
@@ -61,6 +61,18 @@ def test_what_score_tests_cannot_tell_apart_is_refitted_where_the_first_of_them_
     classes = [[option("constant_force"), option("asymmetry")]]
     assert names(refitted(tries.bench, fit(1000), classes, ())) == ["asymmetry", "constant_force"]
     assert [names([(t, None) for t in group]) for group in classes] == [["constant_force"], ["asymmetry"]]
+
+
+def test_a_class_mate_that_stopped_short_is_fitted_from_the_other_with_the_strength_that_does_the_same(tries):
+    tries.found = {"com_offset": fit(170, 8.0), "sensor_bias": fit(100, 1.0)}
+    tries.found["sensor_bias"].values["bias"] = -0.04
+    offset, bias = option("com_offset"), option("sensor_bias")
+    offset.step, bias.step = {"across": 0.005}, {"bias": -0.02}
+    started = []
+    tries.bench.refit = lambda before, own, values, **options: started.append(dict(values)) or fit(100, 1.0)
+    fits = refitted(tries.bench, fit(1000), [[offset, bias]], ())
+    assert {t.candidate.effect: found.state.cost for t, found in fits} == {"com_offset": 100, "sensor_bias": 100}
+    assert started[0]["across"] == pytest.approx(0.01)
 
 
 def test_beside_a_fit_that_explains_nearly_all_the_others_start_from_there_too_and_are_searched(tries, monkeypatch):
