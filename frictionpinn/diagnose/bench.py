@@ -27,6 +27,7 @@ from .parts import Parts
 from .restarts import peaked
 
 LONGEST = 150.0  # times the steps that simulate all trials once: a refit that takes more is given up
+WEIGHED = 0.1  # relative change of the noise levels below which a search at others still counts
 RELAXED = 1e3  # factor by which viscous friction may fall below the bounds of the declared model
 REFIT: dict[str, Any] = {"iterations": 40, "decrease": 0.05}
 
@@ -176,9 +177,14 @@ class Bench:
 
     def settle(self, fit: Fit) -> Fit:
         """The lowest minimum that a search from all starts finds, at the noise that the fit's residuals show."""
-        fit = self.refit(fit, fit.names, fit.values, fit.levels(self.problem.loss)) or fit
-        found = self._anew(fit)
-        return fit if found is None or found.state.cost > fit.state.cost else found
+        sigmas = fit.levels(self.problem.loss)
+        new = self.refit(fit, fit.names, fit.values, sigmas)
+        if new is None:
+            new = fit
+        elif fit.searched and max(abs(np.log(sigmas[name] / fit.sigmas[name])) for name in sigmas) < WEIGHED:
+            return replace(new, minima=fit.minima, searched=True)
+        found = self._anew(new)
+        return replace(new, searched=True) if found is None or found.state.cost > new.state.cost else found
 
     def _evaluator(self, problem: Problem, models: Sequence[TrialModel], sigmas: Mapping[str, float]) -> Evaluate:
         last = problem.simulator.steps_taken + LONGEST * self.usual_steps
@@ -198,11 +204,10 @@ class Bench:
     def search(self, fit: Fit) -> Fit | None:
         """Estimate the fit's parameters anew from all starts; None where nothing better is found.
 
-        A fit that holds the minima around it was found by such a search: only a static friction that vanished is
-        brought back to it.
+        Of a fit that such a search led to, only a static friction that vanished is brought back.
         """
         found: list[Fit] = []
-        for start in (*peaked(self.problem, fit.values), *(() if fit.minima else (None,))):
+        for start in (*peaked(self.problem, fit.values), *(() if fit.searched else (None,))):
             made = self._anew(fit) if start is None else self.refit(fit, fit.names, start)
             found += [made] if made is not None and made.state.cost < fit.state.cost else []
             if found and found[-1].explains and not fit.explains:  # out of the wrong minimum
@@ -224,7 +229,9 @@ class Bench:
             return None
         details = found.details
         values = problem.values(details["state"].u)
-        return Fit(problem.names, values, details["models"], details["state"], dict(fit.sigmas), details["minima"])
+        return Fit(
+            problem.names, values, details["models"], details["state"], dict(fit.sigmas), details["minima"], True
+        )
 
     def check(self, fit: Fit) -> Fit | None:
         """The held-out trials with the fit's parameters: only their own unknowns are estimated."""

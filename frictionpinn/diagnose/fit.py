@@ -30,6 +30,7 @@ class Fit:
         state: unknowns and cost.
         sigmas: noise levels that weighted the residuals.
         minima: of the likelihood around it, where they were looked for, best first.
+        searched: whether a search from all starts led here, or found nothing lower.
     """
 
     names: tuple[str, ...]
@@ -38,6 +39,7 @@ class Fit:
     state: State
     sigmas: dict[str, float]
     minima: tuple[Solution, ...] = ()
+    searched: bool = False
 
     @property
     def locals(self) -> tuple[np.ndarray, ...]:

@@ -21,7 +21,8 @@ WORTH = 0.5, 0.25  # of the best statistic: candidates with less are not refitte
 PROMISING = 0.5  # of the cost beyond noise: contenders that take off less are not the first to search anew
 MATES = 3  # of the best contender, if it leaves more than noise: refitted too
 BETTER = 5  # candidates outside the classes that are refitted after a first look at all
-TOLD = 1.0  # log-likelihood: class mates whose fits differ by more are fitted from one another
+TOLD = 1.0  # log-likelihood: fits that may be equal, but differ by more, are fitted from one another
+MATE = 0.9  # cosine of two traces from which the strength of one is told from the other's
 SHORT = 12  # iterations of a try beside a candidate that leaves little
 DEEP = 3  # contenders that are searched anew where no refit explains the residual
 NEAR = 50.0  # log-likelihood: rivals that are searched anew too, should the winner prove to be in a wrong minimum
@@ -43,6 +44,8 @@ def refitted(bench: Bench, before: Fit, classes: list[list[Tested]], others: Seq
     fits = _best_of_each(fits)
     if fits and not _explained(fits):
         fits = _alike_refitted(bench, before, classes, fits)
+    elif fits:
+        fits = _levelled(bench, fits)
     if bench.mechanism.memory and fits:
         if _explained(fits):
             fits = _rivals_searched(bench, before, fits)
@@ -126,18 +129,35 @@ def _alike_refitted(
             made.append((tested, found))
             group.remove(tested)
             classes.append([tested])
-    best = _best(made)
-    for k, (tested, fit) in enumerate(made):
-        if penalised(fit) > penalised(best[1]) + TOLD:
-            values = fit.values | _alike_strength(tested, best)
-            there = replace(fit, values=values, state=replace(fit.state, locals=best[1].state.locals))
-            made[k] = tested, better(fit, _moved(bench, tested, there, best[1])) or fit
-    return [*(pair for pair in fits if pair is not head), *made]
+    return [*(pair for pair in fits if pair is not head), *_levelled(bench, made, True)]
+
+
+def _levelled(bench: Bench, fits: Sequence[Contender], all_: bool = False) -> list[Contender]:
+    """The fits, those fitted from the best too that explain the residual or do much the same (or all).
+
+    One may have stopped short.
+    """
+    for _ in fits:
+        best = _best(fits)
+        limit = penalised(best[1]) + TOLD
+        fits = [
+            (tested, (better(fit, _moved(bench, (tested, fit), best)) or fit))
+            if (all_ or fit.explains or _mates(tested, best[0])) and penalised(fit) > limit
+            else (tested, fit)
+            for tested, fit in fits
+        ]
+        if penalised(_best(fits)[1]) > limit - 2 * TOLD:
+            break
+    return list(fits)
+
+
+def _mates(one: Tested, other: Tested) -> bool:
+    return abs(float(one.trace @ other.trace)) > MATE
 
 
 def _alike_strength(tested: Tested, best: Contender) -> dict[str, float]:
     """The strength that makes what the best's does, as far as the score tests tell: {} where there are several."""
-    if len(tested.step) != 1 or len(best[0].step) != 1:
+    if not _mates(tested, best[0]) or len(tested.step) != 1 or len(best[0].step) != 1:
         return {}
     ((name, step),), ((other, unit),) = tested.step.items(), best[0].step.items()
     return {name: best[1].values[other] * step / unit} if unit else {}
@@ -170,13 +190,18 @@ def _searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Cont
     for k, (tested, fit) in enumerate(fits):
         if k < DEEP and penalised(fit) < reach_ and not fit.explains:
             if _explained(found):  # out of that minimum the others come from there, if they come near at all
-                winner = _best(found)[1]
-                fit = better(fit, _moved(bench, tested, fit, winner)) or fit
-                fit = fit if penalised(fit) > penalised(winner) + NEAR else bench.search(fit) or fit
+                winner = _best(found)
+                fit = better(fit, _moved(bench, (tested, fit), winner)) or fit
+                fit = fit if penalised(fit) > penalised(winner[1]) + NEAR else searched(bench, fit)
             else:
-                fit = bench.search(fit) or fit
+                fit = searched(bench, fit)
         found.append((tested, fit))
     return found
+
+
+def searched(bench: Bench, fit: Fit) -> Fit:
+    """The fit or, where a search from all starts finds it, a better one."""
+    return bench.search(fit) or replace(fit, searched=True)
 
 
 def _rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Contender]:
@@ -190,26 +215,25 @@ def _rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> li
 
     def hoped(pair: Contender) -> float:
         tested, fit = pair
-        promised = before.state.cost - tested.statistic / 2 if tested.beside is None else fit.state.cost
+        told = tested.beside is None and tested.statistic < ASTRAY  # in a wrong minimum a score test promises anything
+        promised = before.state.cost - tested.statistic / 2 if told else fit.state.cost
         return penalised(fit) - max(fit.state.cost - promised, 0.0)
 
     fits = sorted(fits, key=hoped)
     near = sum(hoped(pair) < reach_ for pair in fits[:DEEP])
     if near < 2:
         return fits
-    found = [(tested, bench.search(fit) or fit) for tested, fit in fits[:near]]
-    best = min((fit for _, fit in found), key=penalised)
-    for k, (tested, fit) in enumerate(found):
-        if fit is not best:
-            found[k] = tested, better(fit, _moved(bench, tested, fit, best)) or fit
-    return [*found, *fits[near:]]
+    found = [(tested, searched(bench, fit)) for tested, fit in fits[:near]]
+    return _levelled(bench, [*_levelled(bench, found, True), *fits[near:]])
 
 
-def _moved(bench: Bench, tested: Tested, fit: Fit, best: Fit) -> Fit | None:
-    """The fit anew, from the best's values of what they share and its own of the candidate."""
-    own = {*tested.candidate.strengths, *tested.candidate.hidden}
-    shared = {name: best.values[name] for name in fit.names if name in best.names and name not in own}
-    return bench.refit(fit, fit.names, {**fit.values, **shared})
+def _moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:
+    """The fit anew, from the best's unknowns that they share, and a strength that does what the best's does."""
+    tested, fit = own
+    private = {*tested.candidate.strengths, *tested.candidate.hidden}
+    shared = {name: best[1].values[name] for name in fit.names if name in best[1].names and name not in private}
+    there = replace(fit, state=replace(fit.state, locals=best[1].locals))
+    return bench.refit(there, fit.names, {**fit.values, **shared, **_alike_strength(tested, best)})
 
 
 def _try_others(

@@ -178,7 +178,8 @@ def _deepen(bench: Bench, selection: Selection) -> bool:
     for tested, fit in ((last.tested, selection.fit), *last.close):
         if best is not selection.fit and best.explains:
             break
-        found = bench.search(replace(fit, sigmas=selection.fit.sigmas))
+        weighted = fit if fit is selection.fit else bench.refit(fit, fit.names, fit.values, selection.fit.sigmas)
+        found = None if weighted is None else bench.search(weighted) or weighted
         if found is not None and penalised(found) < cost - SETTLED:
             best, cost = found, penalised(found)
             choice = replace(
@@ -242,4 +243,4 @@ def _reweighted(bench: Bench, fit: Fit, scanned: Scanned) -> Fit:
         a = noise.coefficients.get(name, np.zeros(0))
         sigmas[name] = sigma if len(a) else sigma * noise.scale.get(name, 1.0)
     found = bench.refit(fit, fit.names, fit.values, sigmas)
-    return fit if found is None else replace(found, minima=fit.minima)
+    return fit if found is None else replace(found, minima=fit.minima, searched=fit.searched)

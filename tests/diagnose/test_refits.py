@@ -20,7 +20,7 @@ def fit(cost: float, correlation: float = 50.0):
     """A stub of a fit: what remains of it is noise where its correlation is below 4.5."""
     return SimpleNamespace(
         names=("mu_c",), values=defaultdict(float, mu_c=0.3), count=1000, state=SimpleNamespace(cost=cost, locals=()),
-        correlation=correlation, explains=correlation < 4.5, minima=(), locals=(),
+        correlation=correlation, explains=correlation < 4.5, minima=(), searched=False, locals=(),
     )  # fmt: skip
 
 
@@ -178,6 +178,6 @@ def test_a_search_ends_at_a_start_that_explains_only_where_the_fit_did_not(monke
 def test_a_fit_that_was_searched_already_is_only_tried_with_its_static_friction_brought_back(monkeypatch):
     monkeypatch.setattr(benches, "peaked", lambda problem, values: [])
     searched = fit(100)
-    searched.minima = (object(), object())
+    searched.searched = True
     stub = SimpleNamespace(problem=None, _anew=lambda f: pytest.fail("searched again"))
     assert Bench.search(stub, searched) is None
