@@ -79,7 +79,7 @@ def identify(system: System, law: str, recording: Recording) -> Known | None:
     scale = np.array([values[name] for name in uncertain])
     relative = found.covariance[np.ix_(told, told)] / np.outer(scale, scale)
     reach = np.minimum(1.0, WIDEST / np.sqrt(np.diag(relative)))
-    label = f"observer, identified {LAWS[law].__name__}"
+    label = f"identified {LAWS[law].__name__} (online: an observer)"
     return Known(label, law, values, uncertain, relative * np.outer(reach, reach))
 
 

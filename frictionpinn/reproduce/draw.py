@@ -13,6 +13,17 @@ from ..evaluate.figures import INK
 from ..evaluate.trajectory import readable
 
 KINDS = {"online": "online", "in_simulation": "in simulation"}
+SWEPT = {
+    "data.rate_hz": "sampling rate (Hz)",
+    "data.training_trials": "training swings",
+    "model.inputs": "inputs",
+    "model.loss.weight": "weight of the bristle's consistency (lambda)",
+    "model.network.activation": "activation",
+    "model.windows.v_slip": "longest window of the slip velocity",
+    "noise.level": "noise (share of each signal's spread)",
+    "rollout": "friction fitted in motion",
+    "smoothing": "smoothing of the measured signals",
+}
 SHADES = {"online": INK["baseline"], "in_simulation": INK["model"]}
 
 
@@ -114,6 +125,7 @@ def ablation_figure(found: Mapping[str, Any]) -> Figure:
         axis.set_xticks(range(len(levels)), [short(level) for level in levels], fontsize=8)
         where = "" if kind == "online" else ", in simulation"
         axis.set(title=f"{name} ({entry['model'].upper()}){where}", yscale="log")
+        axis.set_xlabel(SWEPT.get(entry["key"], entry["key"]), fontsize=9)
         axis.margins(x=0.15, y=0.2)
         axis.spines[["top", "right"]].set_visible(False)
     for axis in axes[::columns]:

@@ -14,6 +14,7 @@ from frictionpinn.errors import UserError
 from frictionpinn.reproduce import runs
 from frictionpinn.reproduce.ablation import presets
 from frictionpinn.reproduce.document import number
+from frictionpinn.reproduce.draw import SWEPT
 from frictionpinn.reproduce.equations import identified
 from frictionpinn.reproduce.parts import PARTS, reproduce
 from frictionpinn.reproduce.runs import Run, by_seed, each, finish, finish_all
@@ -100,6 +101,7 @@ def test_every_ablation_sweeps_one_key_that_the_configuration_has():
     for name, (key, levels) in presets().items():
         assert len(levels) >= 2, name
         default_config([f"{key}={levels[0]}"])
+        assert key in SWEPT, f"{name}: no axis label"
 
 
 def test_make_paper_runs_a_part_from_the_command_line(workdir):
