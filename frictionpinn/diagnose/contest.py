@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from scipy.stats import chi2
@@ -65,7 +65,7 @@ def contest(
     bench: Bench,
     before: Fit,
     significant: Sequence[Tested],
-    beside: Sequence[Tested],
+    beside: Callable[[], Sequence[Tested]],
     others: Sequence[Tested],
     settings: Settings,
 ) -> tuple[Accepted, Fit, list[Refused]] | tuple[None, Fit, list[Refused]]:
@@ -74,7 +74,7 @@ def contest(
     Args:
         before: the last accepted fit.
         significant: candidates by their score tests, the most significant first.
-        beside: candidates that show only beside a friction that had vanished.
+        beside: tells candidates that show only beside a friction that had vanished.
         others: all candidates, the most significant first: tried where none of the above explains the residual, since a
             fit in a wrong minimum hides even what it lacks.
         settings: thresholds.
@@ -82,8 +82,8 @@ def contest(
     Returns:
         What was accepted or None, the fit with it, and the candidates that were refused on the way.
     """
-    classes = [*contenders(significant), *([t] for t in beside)]
-    fits = refitted(bench, before, classes, others)
+    classes = contenders(significant)
+    fits = refitted(bench, before, classes, others, beside)
     refused: list[Refused] = []
     for k, (tested, fit) in enumerate(fits):
         held, why = _proof(bench, before, tested, fit, settings)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,16 +31,27 @@ CLOSE = 0.7  # of the winner's gain: so near they are at least
 Contender = tuple[Tested, Fit]
 
 
-def refitted(bench: Bench, before: Fit, classes: list[list[Tested]], others: Sequence[Tested]) -> list[Contender]:
-    """The first of every class refitted, the best first."""
+def refitted(
+    bench: Bench,
+    before: Fit,
+    classes: list[list[Tested]],
+    others: Sequence[Tested],
+    beside: Callable[[], Sequence[Tested]] = tuple,
+) -> list[Contender]:
+    """The first of every class refitted, the best first.
+
+    Args:
+        bench, before: where they are refitted.
+        classes: candidates that the score tests cannot tell apart; what is refitted by itself gets a class of its own.
+        others: candidates to try where none of these explains the residual.
+        beside: tells candidates that show only beside a friction that had vanished; asked where the others leave much.
+    """
     fits: list[Contender] = []
     for group in _promising_first(bench, before, classes):
-        name = group[0].candidate.name
-        if group[0].beside is not None and _explained([pair for pair in fits if pair[0].candidate.name == name]):
-            continue
-        # Beside a fit that leaves nothing but noise a candidate has to be as good from where it stands, or from there.
-        found = _beside_solved(bench, before, group[0], fits) if _nearly(before, fits) else add(bench, before, group[0])
-        fits += [(group[0], found)] if found is not None else []
+        fits += _added(bench, before, group[0], fits)
+    for tested in [] if _nearly(before, fits) else beside():
+        classes.append([tested])
+        fits += _added(bench, before, tested, fits)
     fits = _best_of_each(fits)
     if fits and not _explained(fits):
         fits = _alike_refitted(bench, before, classes, fits)
@@ -60,6 +71,12 @@ def refitted(bench: Bench, before: Fit, classes: list[list[Tested]], others: Seq
     return fits
 
 
+def _added(bench: Bench, before: Fit, tested: Tested, fits: Sequence[Contender]) -> list[Contender]:
+    # Beside a fit that leaves nothing but noise a candidate has to be as good from where it stands, or from there.
+    found = _beside_solved(bench, before, tested, fits) if _nearly(before, fits) else add(bench, before, tested)
+    return [] if found is None else [(tested, found)]
+
+
 def _beside_solved(bench: Bench, before: Fit, tested: Tested, fits: Sequence[Contender]) -> Fit | None:
     """A candidate beside one that leaves little: a short try, from there too, and the rest where it comes near."""
     best = _best(fits)
@@ -77,12 +94,11 @@ def _promising_first(bench: Bench, before: Fit, classes: list[list[Tested]]) -> 
 
     The sooner one explains the residual, the less is spent on the others.
     """
-    first = [g for g in classes if g[0].beside is None]
-    if len(first) < 2 or max(g[0].statistic for g in first) <= ASTRAY:
+    if len(classes) < 2 or max(g[0].statistic for g in classes) <= ASTRAY:
         return classes
-    looks = [(look(bench, before, group[0]), group) for group in first]
+    looks = [(look(bench, before, group[0]), group) for group in classes]
     looks.sort(key=lambda pair: np.inf if pair[0] is None else penalised(pair[0]))
-    return [*(group for _, group in looks), *(g for g in classes if g[0].beside is not None)]
+    return [group for _, group in looks]
 
 
 def _best_of_each(fits: Sequence[Contender]) -> list[Contender]:

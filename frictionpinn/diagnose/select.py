@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -68,8 +69,8 @@ def select(
             if t.log_p + np.log10(len(options)) < settings.log_p
             and not taken & set(t.candidate.strengths) and t.candidate.name not in banned
         ]  # fmt: skip
-        hidden = _beside_vanished(bench, selection, options, settings)
-        if not significant and not hidden and not _remains(selection, settings):
+        hidden = cache(partial(_beside_vanished, bench, selection, options, settings))
+        if not significant and not _remains(selection, settings) and not hidden():
             break
         others = [
             t
