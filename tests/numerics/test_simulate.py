@@ -1,61 +1,16 @@
-"""The simulator against independent references: scipy's Radau, conserved quantities, central differences."""
-
-import os
-import pickle
-import subprocess
-import sys
-import time
-from functools import cache
-from itertools import pairwise
+"""The simulator against independent references: scipy's Radau and conserved quantities."""
 
 import numpy as np
 import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from motions import ALL, PATHS, SWING, T, path, simulator, values
 from scipy.integrate import solve_ivp
 
 from frictionpinn.errors import UserError
-from frictionpinn.numerics.paths import InputPath
-from frictionpinn.numerics.simulate import ContactLost, SimulationFailed, Simulator, Steps
-from frictionpinn.physics import LAWS, SYSTEMS
-from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.numerics.simulate import ContactLost, SimulationFailed, Steps
 from frictionpinn.physics.system import TIME
-
-LAW_VALUES = {
-    "sigma_0": 1e5,
-    "sigma_1": 316.23,
-    "sigma_2": 0.4,
-    "mu_c": 0.3,
-    "mu_s": 0.6,
-    "v_s": 1e-3,
-    "alpha": 2.0,
-    "v_t": 1e-4,
-    "tied_inertia": 1.0,
-}
-SWING = sp.rad(50) * sp.sin(2 * sp.pi * TIME)
-T = np.arange(161) / 400
-PATHS = {
-    "pob": {"theta": SWING},
-    "sdob": {"y": 0.21 + 0.02 * sp.sin(9 * TIME), "force": 9 * sp.sin(7 * TIME)},
-    "drive": {"force": sp.sin(7 * TIME)},
-    "pendulum": {"tau": 6 * sp.sin(7 * TIME)},
-    "damper": {"x": 0.01 * sp.sin(9 * TIME)},
-}
-ALL = [(system, law) for system in SYSTEMS for law in LAWS]
-
-
-@cache
-def simulator(system, law, driven=None):
-    return Simulator(Mechanism(SYSTEMS[system](driven=driven), LAWS[law]()))
-
-
-def values(law, **changed):
-    return {par.name: LAW_VALUES[par.name] for par in LAWS[law].parameters} | changed
-
-
-def path(sim, t=T, expressions=None):
-    return InputPath.from_expressions(sim.mechanism, t, expressions or PATHS[sim.mechanism.system.name])
 
 
 def radau(mechanism, p, expressions, t, y0):
@@ -192,91 +147,6 @@ def test_a_sliding_body_starts_at_the_steady_friction_force():
     assert result.F[0] == pytest.approx(-0.3 - 0.4 * 0.5, rel=1e-6)
 
 
-# sensitivities ---------------------------------------------------------------------------------------------------
-STEPS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
-
-
-def differences(sim, inputs, p, y0, name, steps, relative, **options):
-    """Central differences of every output over the same steps, for one relative change of a parameter or state.
-
-    Each comes with the error that roundoff in the output makes.
-    """
-    p, y0 = dict(zip(sim.parameter_names, sim.parameters(p), strict=True)), dict(y0)
-    table, key = (y0, name[:-3]) if name.endswith("(0)") else (p, name)
-    base = table.get(key, 0.0)
-    h = relative * (abs(base) or 1e-2)
-    runs = []
-    for value in (base + h, base - h):
-        table[key] = value
-        try:
-            runs.append(sim.simulate(inputs.t, inputs, p, y0, steps=steps, **options))
-        except SimulationFailed:  # the recorded steps are too long for so large a change
-            return {}
-    outputs = ("N", "F", "z", "zdot", "v_slip", *(n for c in sim.mechanism.free for n in c.signals))
-    above, below = ({name: quantity(run, name) for name in outputs} for run in runs)
-    return {name: ((above[name] - below[name]) / (2 * h), 1e-15 * np.abs(above[name]).max() / h) for name in outputs}
-
-
-def quantity(result, name):
-    return result.signals[name] if name in result.signals else getattr(result, name)
-
-
-@pytest.mark.parametrize("law", ["lugre", "dahl", "coulomb_viscous", "stribeck"])
-@pytest.mark.parametrize("system", list(SYSTEMS))
-def test_sensitivities_agree_with_central_differences(system, law):
-    sim, p = simulator(system, law), values(law)
-    inputs = path(sim)
-    names = [*sim.parameter_names, *(f"{name}(0)" for name in sim.state_names)]
-    y0 = dict.fromkeys(sim.state_names, 0.0) | {c.signals[1]: 0.1 for c in sim.mechanism.free}
-    result = sim.simulate(T, inputs, p, y0, sensitivities=names)
-    assert result.sensitivity_names == tuple(names)
-    for j, name in enumerate(names):
-        tables = [differences(sim, inputs, p, y0, name, result.steps, relative) for relative in STEPS]
-        for output, derivatives in result.sensitivities.items():
-            check(derivatives[:, j], [table[output] for table in tables if table], f"d {output} / d {name}")
-
-
-def check(found, candidates, what):
-    """Agreement to 1e-5 with the best of several central differences and their Richardson extrapolations.
-
-    Truncation asks for a small change and roundoff for a large one: a regularised sign over 1e-4 m/s leaves little
-    room between them.
-    """
-    pairs = pairwise(candidates)
-    candidates = candidates + [((100 * b - a) / 99, noise_b) for (a, _), (b, noise_b) in pairs]
-    scale = np.abs(found).max()
-    assert any(np.abs(found - candidate).max() <= 1e-5 * scale + noise for candidate, noise in candidates), what
-
-
-def test_sensitivities_follow_a_steady_start():
-    sim, p = simulator("drive", "lugre"), values("lugre")
-    inputs = path(sim, expressions={"force": sp.Rational(1, 2) + 3 * TIME})
-    names = ["sigma_0", "mu_c", "preload"]
-    result = sim.simulate(T, inputs, p, z0="steady", sensitivities=names)
-    for j, name in enumerate(names):
-        tables = [differences(sim, inputs, p, {}, name, result.steps, relative, z0="steady") for relative in STEPS]
-        for output in ("v", "z", "F"):
-            check(result.sensitivities[output][:, j], [table[output] for table in tables if table], name)
-
-
-def test_sensitivity_to_the_input_path():
-    sim, p = simulator("pob", "lugre"), values("lugre")
-    bump = {"theta": sp.sin(5 * TIME) ** 2}
-    inputs, direction = path(sim), path(sim, expressions=bump)
-    result = sim.simulate(T, inputs, p, sensitivities=["mu_c"], directions={"bump": direction})
-    h = 1e-6
-    runs = [
-        sim.simulate(
-            T, InputPath(inputs.names, T, inputs.coefficients + s * direction.coefficients), p, steps=result.steps
-        )
-        for s in (h, -h)
-    ]
-    assert result.sensitivity_names == ("mu_c", "bump")
-    for output in ("v", "a", "N", "F", "z"):
-        expected = (quantity(runs[0], output) - quantity(runs[1], output)) / (2 * h)
-        assert np.abs(result.sensitivities[output][:, 1] - expected).max() < 1e-5 * np.abs(expected).max()
-
-
 def test_replayed_steps_give_the_same_trajectory():
     sim = simulator("pob", "lugre")
     first = sim.simulate(T, path(sim), values("lugre"))
@@ -350,68 +220,3 @@ def test_mistakes_are_named_in_one_line(arguments, word):
     with pytest.raises(UserError, match=word) as caught:
         sim.simulate(**({"t": T, "inputs": samples, "p": values("lugre")} | arguments))
     assert "\n" not in str(caught.value)
-
-
-# compiled code on disk -------------------------------------------------------------------------------------------
-_SCRIPT = """
-import time
-from frictionpinn.numerics.simulate import Simulator
-from frictionpinn.physics import LAWS, SYSTEMS
-from frictionpinn.physics.mechanism import Mechanism
-import numpy as np
-import frictionpinn.numerics.integrator
-sim = Simulator(Mechanism(SYSTEMS["drive"](), LAWS["dahl"]()))
-start = time.perf_counter()
-sim.simulate(np.arange(10) / 400, {}, {"sigma_0": 1e4, "mu_c": 0.3}, sensitivities=["mu_c"])
-print(time.perf_counter() - start)
-"""
-
-
-def run_script(**environment):
-    return subprocess.run(
-        [sys.executable, "-c", _SCRIPT], capture_output=True, text=True, env=os.environ | environment, check=True
-    )
-
-
-def test_a_second_process_starts_warm():
-    run_script()
-    assert float(run_script().stdout) < 1.0
-
-
-def test_a_simulator_can_be_sent_to_another_process():
-    sim = simulator("drive", "lugre")
-    expected = sim.simulate(T, path(sim), values("lugre"))
-    copy = pickle.loads(pickle.dumps(sim))
-    np.testing.assert_array_equal(copy.simulate(T, path(sim), values("lugre")).v, expected.v)
-
-
-def test_an_unwritable_cache_falls_back_to_a_temporary_folder(tmp_path):
-    blocked = tmp_path / "file"
-    blocked.write_text("")
-    process = run_script(FRICTIONPINN_CACHE=str(blocked))
-    assert float(process.stdout) > 0
-    assert "cannot be written" in process.stderr
-
-
-def test_processes_may_compile_the_same_mechanism_at_once(tmp_path):
-    environment = os.environ | {"FRICTIONPINN_CACHE": str(tmp_path)}
-    processes = [
-        subprocess.Popen(
-            [sys.executable, "-c", _SCRIPT], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-        )
-        for _ in range(3)
-    ]
-    outcomes = [process.communicate(timeout=60) for process in processes]
-    assert all(process.returncode == 0 for process in processes), outcomes
-    assert not list(tmp_path.rglob("*.tmp"))
-
-
-def test_a_simulation_takes_microseconds_per_sample():
-    sim, t = simulator("pob", "lugre"), np.arange(801) / 400
-    inputs = path(sim, t)
-    spent = []
-    for _ in range(5):
-        start = time.perf_counter()
-        sim.simulate(t, inputs, values("lugre"))
-        spent.append(time.perf_counter() - start)
-    assert min(spent) / len(t) < 50e-6

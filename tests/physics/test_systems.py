@@ -1,103 +1,34 @@
-"""One suite for every system in SYSTEMS: equations against independent derivations, balances, units, bad values."""
+"""Every system in SYSTEMS: equations against independent derivations, and balances."""
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 import sympy as sp
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-
-from frictionpinn.data.units import registry
-from frictionpinn.errors import UserError
-from frictionpinn.physics import LAWS, SYSTEMS, Coordinate, System
-from frictionpinn.physics.mechanism import Mechanism
-
-kinds = list(SYSTEMS.values())
-every_kind = pytest.mark.parametrize("kind", kinds, ids=SYSTEMS.keys())
-every_form = pytest.mark.parametrize(
-    ("kind", "form", "driven"),
-    [(kind, form, driven) for kind in kinds for form in kind.equations_allowed for driven in sorted({kind.driven, ()})],
-    ids=lambda item: (" ".join(item) or "none driven") if isinstance(item, tuple) else getattr(item, "name", item),
+from system_cases import (
+    balance,
+    built,
+    every_form,
+    every_kind,
+    forced,
+    kinds,
+    lagrangian,
+    moved,
+    random_state,
+    rate_of,
+    residuals,
+    seeds,
+    some,
+    value,
 )
-some = settings(max_examples=25, deadline=None, derandomize=True)
-seeds = st.integers(0, 2**32 - 1)
 
-
-@functools.cache
-def built(kind: type[System], form: str = "lagrange", driven: tuple[str, ...] | None = None) -> System:
-    return kind(equations=form, driven=driven)
-
-
-@functools.cache
-def compiled(system: System, expr: sp.Expr) -> Callable:
-    """A function of a state: a value for each symbol by name."""
-    symbols = sorted(expr.free_symbols, key=str)
-    function = sp.lambdify(symbols, expr, modules="math")
-    return lambda state: function(*(state[symbol.name] for symbol in symbols))
-
-
-@functools.cache
-def residuals(system: System) -> dict[str, sp.Expr]:
-    """The equation of every moving coordinate: kept, since deriving one takes a good part of a second."""
-    return {c.name: system.residual(c) for c in system.moving}
-
-
-@functools.cache
-def lagrangian(system: System) -> dict[str, sp.Expr]:
-    return {c.name: system.euler_lagrange(c) for c in system.coordinates}
-
-
-def value(system: System, expr: sp.Expr, state: dict[str, float]) -> float:
-    return compiled(system, sp.sympify(expr))(state)
-
-
-def random_state(system: System, seed: int) -> dict[str, float]:
-    """A random motion of the moving coordinates, random inputs, and parameters around the system's own."""
-    rng = np.random.default_rng(seed)
-    names = [s.name for c in system.moving for s in c.symbols] + [item.symbol.name for item in system.inputs]
-    state = {name: rng.uniform(-3, 3) for name in names}
-    state |= {s.name: 0.0 for c in system.coordinates if c.constrained for s in c.symbols}
-    return state | {name: own * rng.uniform(0.5, 1.5) for name, own in system.values.items()}
-
-
-def balance(system: System, coordinate: Coordinate, state: dict[str, float], friction: float) -> float:
-    """E + J F_f of a coordinate."""
-    jacobian = value(system, system.jacobian[coordinate.name], state)
-    return value(system, residuals(system)[coordinate.name], state) + jacobian * friction
-
-
-def forced(system: System, state: dict[str, float], friction: float) -> dict[str, float]:
-    """The state with the accelerations of the free coordinates (or the measured force) that this friction gives."""
-    names = [system.inputs[0].symbol.name] if system.massless else [c.symbols[2].name for c in system.free]
-
-    def rows(unknowns: np.ndarray) -> np.ndarray:
-        trial = state | dict(zip(names, unknowns, strict=True))
-        return np.array([balance(system, c, trial, friction) for c in system.free])
-
-    zero, eye = np.zeros(len(names)), np.eye(len(names))
-    slopes = np.column_stack([rows(column) - rows(zero) for column in eye])
-    return state | dict(zip(names, np.linalg.solve(slopes, -rows(zero)), strict=True))
-
-
-def moved(system: System, state: dict[str, float], h: float) -> dict[str, float]:
-    """The state h seconds later, at constant acceleration."""
-    later = dict(state)
-    for q, qd, qdd in (c.symbols for c in system.coordinates):
-        later[q.name] += h * state[qd.name] + h * h * state[qdd.name] / 2
-        later[qd.name] += h * state[qdd.name]
-    return later
-
-
-def rate_of(system: System, expr: sp.Expr, state: dict[str, float], h: float = 1e-5) -> float:
-    """Time derivative along the motion, by central differences of fourth order."""
-    at = [value(system, expr, moved(system, state, k * h)) for k in (-2, -1, 1, 2)]
-    return (at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * h)
-
+from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
 
 near = functools.partial(pytest.approx, rel=1e-6, abs=1e-6)
 
@@ -276,81 +207,3 @@ def test_the_ground_carries_the_whole_weight_at_rest(name, masses, seed):
 def test_the_preload_is_the_normal_force_where_no_weight_rests_on_the_contact(name):
     system = built(SYSTEMS[name])
     assert system.p.preload == system.N
-
-
-# ---- units and names
-
-
-@every_kind
-def test_a_system_is_named_documented_and_its_units_parse(kind):
-    system, ureg = built(kind), registry()
-    assert SYSTEMS[kind.name] is kind and kind.title
-    assert "Units:" in kind.__doc__ and "Source:" in kind.__doc__
-    for unit in (*system.signal_units.values(), *(par.unit for par in system.parameters)):
-        ureg.Unit("dimensionless" if unit == "1" else unit)
-    signals = [name for c in system.moving for name in c.signals] + [item.name for item in system.inputs]
-    assert len(set(signals)) == len(signals) and set(system.signal_units) == {"t", *signals}
-    for par in system.parameters:
-        assert par.value is not None and par.low <= par.value <= par.high and par.text
-
-
-@every_kind
-def test_every_equation_has_one_dimension(kind):
-    system, ureg = built(kind), registry()
-    units = {par.symbol: par.unit for par in system.parameters} | {i.symbol: i.unit for i in system.inputs}
-    for c in system.moving:
-        units.update(zip(c.symbols, c.units, strict=True))
-
-    def has_unit(expr: sp.Expr, unit: str) -> bool:
-        symbols = sorted(expr.free_symbols, key=str)
-        terms = sp.Add.make_args(sp.expand(expr))
-        quantities = [ureg.Quantity(0.7, units[symbol]) for symbol in symbols]
-        results = [sp.lambdify(symbols, term, "numpy")(*quantities) for term in terms]
-        return all(ureg.Quantity(result).is_compatible_with(unit) for result in results)
-
-    assert has_unit(system.v_slip, f"{system.slip_unit}/s")
-    assert has_unit(system.a_slip, f"{system.slip_unit}/s^2")
-    assert has_unit(system.a_frictionless, f"{system.slip_unit}/s^2")
-    assert has_unit(system.N, system.force_unit)
-    assert has_unit(system.friction_implied, system.force_unit)
-    for c in system.moving:
-        assert has_unit(residuals(system)[c.name], "N*m" if c.units[0] == "rad" else "N")
-
-
-# ---- what a user may get wrong
-
-
-def one_line(error: pytest.ExceptionInfo, *parts: str) -> bool:
-    message = str(error.value)
-    return "\n" not in message and all(part in message for part in parts)
-
-
-@every_kind
-@pytest.mark.parametrize("bad", [-0.5, 0.0, math.nan, "heavy", None], ids=str)
-def test_an_impossible_mass_is_refused_with_its_place_and_its_range(kind, bad):
-    for par in kind.parameters:
-        if "kg" in par.unit:
-            with pytest.raises(UserError) as error:
-                kind(**{par.name: bad})
-            assert one_line(error, f"system.parameters.{par.name} is {bad} {par.unit}", "allowed:", "not 0")
-
-
-@every_kind
-def test_a_mistyped_parameter_is_refused_and_the_nearest_name_is_given(kind):
-    for par in kind.parameters:
-        wrong = par.name + "x" if len(par.name) > 1 else par.name * 2
-        with pytest.raises(UserError) as error:
-            kind(**{wrong: 1.0})
-        assert one_line(error, f"system.parameters.{wrong}", f"did you mean '{par.name}'?")
-
-
-@every_kind
-def test_unknown_equations_are_refused_and_the_nearest_form_is_given(kind):
-    with pytest.raises(UserError) as error:
-        kind(equations="lagrang")
-    assert one_line(error, "system.equations is 'lagrang'", "did you mean 'lagrange'?")
-
-
-def test_a_given_value_replaces_the_default_of_this_system_alone():
-    heavy, usual = SYSTEMS["pob"](m_b=2), SYSTEMS["pob"]()
-    assert heavy.values["m_b"] == 2.0 and usual.values["m_b"] == 0.5

@@ -1,0 +1,94 @@
+"""Every system in SYSTEMS: names, units and dimensions, and what a user may get wrong."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import sympy as sp
+from system_cases import (
+    built,
+    every_kind,
+    residuals,
+)
+
+from frictionpinn.data.units import registry
+from frictionpinn.errors import UserError
+from frictionpinn.physics import SYSTEMS
+
+# ---- units and names
+
+
+@every_kind
+def test_a_system_is_named_documented_and_its_units_parse(kind):
+    system, ureg = built(kind), registry()
+    assert SYSTEMS[kind.name] is kind and kind.title
+    assert "Units:" in kind.__doc__ and "Source:" in kind.__doc__
+    for unit in (*system.signal_units.values(), *(par.unit for par in system.parameters)):
+        ureg.Unit("dimensionless" if unit == "1" else unit)
+    signals = [name for c in system.moving for name in c.signals] + [item.name for item in system.inputs]
+    assert len(set(signals)) == len(signals) and set(system.signal_units) == {"t", *signals}
+    for par in system.parameters:
+        assert par.value is not None and par.low <= par.value <= par.high and par.text
+
+
+@every_kind
+def test_every_equation_has_one_dimension(kind):
+    system, ureg = built(kind), registry()
+    units = {par.symbol: par.unit for par in system.parameters} | {i.symbol: i.unit for i in system.inputs}
+    for c in system.moving:
+        units.update(zip(c.symbols, c.units, strict=True))
+
+    def has_unit(expr: sp.Expr, unit: str) -> bool:
+        symbols = sorted(expr.free_symbols, key=str)
+        terms = sp.Add.make_args(sp.expand(expr))
+        quantities = [ureg.Quantity(0.7, units[symbol]) for symbol in symbols]
+        results = [sp.lambdify(symbols, term, "numpy")(*quantities) for term in terms]
+        return all(ureg.Quantity(result).is_compatible_with(unit) for result in results)
+
+    assert has_unit(system.v_slip, f"{system.slip_unit}/s")
+    assert has_unit(system.a_slip, f"{system.slip_unit}/s^2")
+    assert has_unit(system.a_frictionless, f"{system.slip_unit}/s^2")
+    assert has_unit(system.N, system.force_unit)
+    assert has_unit(system.friction_implied, system.force_unit)
+    for c in system.moving:
+        assert has_unit(residuals(system)[c.name], "N*m" if c.units[0] == "rad" else "N")
+
+
+# ---- what a user may get wrong
+
+
+def one_line(error: pytest.ExceptionInfo, *parts: str) -> bool:
+    message = str(error.value)
+    return "\n" not in message and all(part in message for part in parts)
+
+
+@every_kind
+@pytest.mark.parametrize("bad", [-0.5, 0.0, math.nan, "heavy", None], ids=str)
+def test_an_impossible_mass_is_refused_with_its_place_and_its_range(kind, bad):
+    for par in kind.parameters:
+        if "kg" in par.unit:
+            with pytest.raises(UserError) as error:
+                kind(**{par.name: bad})
+            assert one_line(error, f"system.parameters.{par.name} is {bad} {par.unit}", "allowed:", "not 0")
+
+
+@every_kind
+def test_a_mistyped_parameter_is_refused_and_the_nearest_name_is_given(kind):
+    for par in kind.parameters:
+        wrong = par.name + "x" if len(par.name) > 1 else par.name * 2
+        with pytest.raises(UserError) as error:
+            kind(**{wrong: 1.0})
+        assert one_line(error, f"system.parameters.{wrong}", f"did you mean '{par.name}'?")
+
+
+@every_kind
+def test_unknown_equations_are_refused_and_the_nearest_form_is_given(kind):
+    with pytest.raises(UserError) as error:
+        kind(equations="lagrang")
+    assert one_line(error, "system.equations is 'lagrang'", "did you mean 'lagrange'?")
+
+
+def test_a_given_value_replaces_the_default_of_this_system_alone():
+    heavy, usual = SYSTEMS["pob"](m_b=2), SYSTEMS["pob"]()
+    assert heavy.values["m_b"] == 2.0 and usual.values["m_b"] == 0.5
