@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from ..data.recording import Recording
+from ..identify.explore import moved
 from ..identify.likelihood import find_start, maximum_likelihood, with_bristle
 from ..identify.problem import Problem, in_parallel
 from ..identify.result import FAILED
-from ..identify.solve import Evaluate, State, levenberg_marquardt
+from ..identify.solve import Evaluate, State, levenberg_marquardt, reduced
 from ..identify.space import Space
 from ..identify.start import default_bounds
 from ..identify.trial import TrialModel
@@ -185,6 +186,22 @@ class Bench:
             return replace(new, minima=fit.minima, searched=True)
         found = self._anew(new)
         return replace(new, searched=True) if found is None or found.state.cost > new.state.cost else found
+
+    def without(self, fit: Fit, gone: Sequence[str], held: Sequence[str] = ()) -> Fit:
+        """The fit with strengths ``gone`` at zero and all else but ``held`` where the quadratic model has its minimum.
+
+        With information S and the step d_1 of what goes, the others move by d_2 = -S_22^-1 S_21 d_1.
+        """
+        if not fit.state.curved:
+            return replace(fit, values=fit.values | dict.fromkeys(gone, 0.0))
+        space = self._problem(self.problem, fit.names, fit.values, fit.models[0].simulator).space
+        out = np.array([name in gone or name in held for name in fit.names])
+        step = np.where([name in gone for name in fit.names], -fit.state.u, 0.0)  # zero is zero in the search as well
+        S = reduced(fit.state)[0]
+        step[~out] = -np.linalg.lstsq(S[np.ix_(~out, ~out)], S[np.ix_(~out, out)] @ step[out], rcond=1e-12)[0]
+        u, locals_ = moved(fit.state, step, space.limits)
+        values = fit.values | dict(zip(fit.names, space.to_values(u).tolist(), strict=True)) | dict.fromkeys(gone, 0.0)
+        return replace(fit, values=values, state=replace(fit.state, locals=tuple(locals_)))
 
     def _evaluator(self, problem: Problem, models: Sequence[TrialModel], sigmas: Mapping[str, float]) -> Evaluate:
         last = problem.simulator.steps_taken + LONGEST * self.usual_steps

@@ -44,12 +44,12 @@ def refitted(
         bench, before: where they are refitted.
         classes: candidates that the score tests cannot tell apart; what is refitted by itself gets a class of its own.
         others: candidates to try where none of these explains the residual.
-        beside: tells candidates that show only beside a friction that had vanished; asked where the others leave much.
+        beside: tells candidates that show only beside a friction that had vanished; asked if none of these explains it.
     """
     fits: list[Contender] = []
     for group in _promising_first(bench, before, classes):
         fits += _added(bench, before, group[0], fits)
-    for tested in [] if _nearly(before, fits) else beside():
+    for tested in [] if _explained(fits) else beside():
         classes.append([tested])
         fits += _added(bench, before, tested, fits)
     fits = _best_of_each(fits)
@@ -62,6 +62,8 @@ def refitted(
             fits = _rivals_searched(bench, before, fits)
         elif _nearly(before, fits):
             fits = _searched(bench, before, fits)
+            if not _explained(fits):
+                _try_others(bench, before, classes, fits, others)
         else:
             fits = _out_of_wrong_minima(bench, before, classes, fits, others)
     fits.sort(key=lambda pair: penalised(pair[1]))

@@ -204,7 +204,7 @@ def _drop(bench: Bench, selection: Selection, settings: Settings) -> bool:
             n for a in selection.accepted if a is not accepted for n in (*a.candidate.strengths, *a.candidate.hidden)
         }
         names = tuple(n for n in selection.fit.names if n not in own - others)
-        found = _without(bench, selection, accepted, names)
+        found = _without(bench, selection, accepted, names, settings)
         if found is not None and found.state.cost - selection.fit.state.cost < needed(accepted.tested, settings):
             loss = found.state.cost - selection.fit.state.cost
             selection.refused.append(
@@ -217,14 +217,22 @@ def _drop(bench: Bench, selection: Selection, settings: Settings) -> bool:
     return len(selection.accepted) < len(before)
 
 
-def _without(bench: Bench, selection: Selection, accepted: Accepted, names: Sequence[str]) -> Fit | None:
-    """The fit without an effect, from where it is now and, with one other, from where that is found anew.
+def _without(
+    bench: Bench, selection: Selection, accepted: Accepted, names: Sequence[str], settings: Settings
+) -> Fit | None:
+    """The fit without an effect, from where the quadratic model sees its minimum, from where it is now and, with one
+    other, from where that is found anew.
 
     A long ripple and a spring make the force of another spring between them: without the ripple its place is elsewhere.
     """
     fit, others = selection.fit, [a.candidate for a in selection.accepted if a is not accepted]
-    here = fit.values | dict.fromkeys(accepted.candidate.strengths, 0.0)
-    found = [bench.refit(fit, names, here)]
+    gone = [n for n in accepted.candidate.strengths if n not in names]
+    here = fit.values | dict.fromkeys(gone, 0.0)
+    there = bench.without(fit, gone, [n for n in accepted.candidate.hidden if n not in names])
+    found = [bench.refit(there, names, there.values)]
+    if found[0] is not None and found[0].state.cost - fit.state.cost < needed(accepted.tested, settings):
+        return found[0]
+    found.append(bench.refit(fit, names, here))
     if len(others) == 1:
         (other,) = others
         own = {*other.strengths, *other.hidden}

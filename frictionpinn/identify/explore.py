@@ -57,8 +57,11 @@ def _weakest(state: State) -> tuple[np.ndarray, np.ndarray]:
     return S, vectors[:, 0] / np.sqrt(max(values[0], 1e-12))
 
 
-def _moved(state: State, step: np.ndarray, limits: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, list]:
-    """Global unknowns after a step, and the local ones as the quadratic model moves them."""
+def moved(state: State, step: np.ndarray, limits: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, list]:
+    """Global unknowns after a step, shape (n_g,), and the local ones of every trial as the quadratic model moves them.
+
+    With the model's minimum at the state, x_l moves by -C^-1 B' times the step of u.
+    """
     back, n = reduced(state)[2], len(state.u)
     u = np.clip(state.u + step * min(1.0, LONGEST / max(np.abs(step).max(), 1e-12)), *limits)
     return u, [x if X is None else x - X[:, :n] @ (u - state.u) for x, X in zip(state.locals, back, strict=True)]
@@ -104,7 +107,7 @@ def _around(
     scale = vectors / np.sqrt(np.maximum(values, 1e-12))
     draws = [SPREAD * scale @ generator.standard_normal(len(state.u)) for _ in range(PAIRS)]
     return [*((side.u, list(side.locals)) for side in sides),
-            *(_moved(state, sign * draw, limits) for draw in draws for sign in (1.0, -1.0))]  # fmt: skip
+            *(moved(state, sign * draw, limits) for draw in draws for sign in (1.0, -1.0))]  # fmt: skip
 
 
 def _beside(evaluate: Evaluate, state: State, limits: tuple[np.ndarray, np.ndarray]) -> list[State]:
@@ -115,7 +118,7 @@ def _beside(evaluate: Evaluate, state: State, limits: tuple[np.ndarray, np.ndarr
     direction, result = _weakest(state)[1], []
     for side in (-1.0, 1.0):
         for size in OFFSETS:
-            other = evaluate(*_moved(state, side * size * direction, limits), False)
+            other = evaluate(*moved(state, side * size * direction, limits), False)
             if other is not None and other.cost > state.cost + size**2 / 2 + LEFT:
                 result.append(other)
                 break
@@ -125,7 +128,7 @@ def _beside(evaluate: Evaluate, state: State, limits: tuple[np.ndarray, np.ndarr
 def neighbours(evaluate: Evaluate, state: State, limits: tuple[np.ndarray, np.ndarray]) -> list[State]:
     """Points on both sides along the weakest direction, with derivatives: what the data would tell there."""
     direction = _weakest(state)[1]
-    found = [evaluate(*_moved(state, side * FAR * direction, limits), True) for side in (-1.0, 1.0)]
+    found = [evaluate(*moved(state, side * FAR * direction, limits), True) for side in (-1.0, 1.0)]
     return [other for other in found if other is not None]
 
 

@@ -24,6 +24,11 @@ def accepted(candidate: Candidate) -> Accepted:
     return Accepted(candidate, SimpleNamespace(freedom=1), {})
 
 
+def bare(found, gone, held):
+    """The fit without them, as the bench's quadratic model has it."""
+    return fit(found.names, found.state.cost, **(found.values | dict.fromkeys(gone, 0.0)))
+
+
 @pytest.fixture
 def selection() -> Selection:
     made = Selection(None, fit(VALUES, 100.0), None, None)
@@ -47,7 +52,7 @@ def test_an_effect_goes_where_the_other_found_anew_does_as_well_alone(selection,
 
     monkeypatch.setattr(select, "scan", scan)
     monkeypatch.setattr(select, "add", add)
-    assert _drop(SimpleNamespace(refit=refit), selection, Settings())
+    assert _drop(SimpleNamespace(refit=refit, without=bare), selection, Settings())
     assert [a.candidate for a in selection.accepted] == [SPRING]
     assert selection.fit.values["spring_stiffness"] == -1.4
     assert set(selection.fit.names) == {"mu_c", "spring_stiffness", "spring_rest"}
@@ -58,6 +63,21 @@ def test_an_effect_goes_where_the_other_found_anew_does_as_well_alone(selection,
 def test_effects_stay_that_nothing_replaces(selection, monkeypatch):
     monkeypatch.setattr(select, "scan", lambda *a: SimpleNamespace(tested=[None]))
     monkeypatch.setattr(select, "add", lambda *a, **k: None)
-    bench = SimpleNamespace(refit=lambda before, names, values, **options: fit(names, 500.0, **values))
+    bench = SimpleNamespace(refit=lambda before, names, values, **options: fit(names, 500.0, **values), without=bare)
     assert not _drop(bench, selection, Settings())
     assert [a.candidate for a in selection.accepted] == [RIPPLE, SPRING] and not selection.refused
+
+
+def test_an_effect_goes_that_the_others_make_up_for_as_the_quadratic_model_says(selection, monkeypatch):
+    def without(found, gone, held):
+        return fit(found.names, 100.0, **(found.values | dict.fromkeys(gone, 0.0) | {"mu_c": 0.31}))
+
+    def refit(before, names, values, **options):
+        return fit(names, 101.0 if values["mu_c"] == 0.31 and "spring_rest" in names else 500.0, **values)
+
+    monkeypatch.setattr(select, "scan", lambda *a: pytest.fail("looked for another place"))
+    monkeypatch.setattr(
+        select, "_without", lambda *a, own=select._without: None if a[2].candidate is SPRING else own(*a)
+    )
+    assert _drop(SimpleNamespace(refit=refit, without=without), selection, Settings())
+    assert [a.candidate for a in selection.accepted] == [SPRING] and selection.fit.values["mu_c"] == 0.31

@@ -101,6 +101,15 @@ def test_a_refit_finds_a_constant_force_of_nothing_where_there_is_none(made):
     assert found.state.cost < fit.state.cost + 0.1 and found.explains
 
 
+def test_what_makes_up_for_an_effect_that_goes_is_as_good_as_its_refit(made):
+    names = (*made.base().names, "constant_force")
+    fit = made.refit(made.base(), names, made.base().values | {"constant_force": 0.3})
+    there = made.without(fit, ["constant_force"])
+    assert there.values["constant_force"] == 0.0
+    started = made.refit(there, made.declared, there.values, iterations=0)
+    assert started.state.cost == pytest.approx(made.base().state.cost, abs=0.5)
+
+
 def test_a_refit_ends_where_it_stands_once_it_takes_more_steps_than_any_model_should(made, monkeypatch):
     fit = made.base()
     monkeypatch.setattr(benches, "LONGEST", 0.0)
