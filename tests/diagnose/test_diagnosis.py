@@ -11,6 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import sympy as sp
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
@@ -21,6 +23,7 @@ from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.effect import Effect, strength
 from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.workflow import diagnose as workflow
 
 ROOT = Path(__file__).resolve().parents[2]
 TRUTH = {"sigma_0": 2e4, "sigma_1": 150.0, "sigma_2": 2.0, "mu_c": 3.0, "mu_s": 4.0, "v_s": 5e-3}
@@ -110,26 +113,41 @@ def test_the_command_reads_a_file_and_writes_what_it_promises(tmp_path):
     assert np.isfinite(run.F).all() and values["asymmetric_viscous"] == pytest.approx(entry["value"])
 
 
+@pytest.fixture
+def measured(tmp_path) -> Path:
+    """A folder with a recording, as a user would have it."""
+    _, made = recorded()
+    rows = [pd.DataFrame({"trial": t.name, "t": t.t, **t.signals}) for t in made.trials]
+    pd.concat(rows).to_csv(tmp_path / "run.csv", index=False)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("override", "words"), [("diagnose.effects=[dragg]", "did you mean 'drag'"), ("preset=emp", "emps")]
+)
+def test_the_command_tells_an_impossible_option_in_one_line(measured, override, words):
+    command = [sys.executable, str(ROOT / "diagnose.py"), "system=drive", "data=csv", "data.path=run.csv", override]
+    done = subprocess.run(command, cwd=measured, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and done.stderr.count("error: ") == 1 and words in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("diagnose.effects=[dragg]", "did you mean 'drag'"),
         ("diagnose.log10_p=3", "a negative number"),
         ("diagnose.most=0", "at least 1"),
         ("diagnose.loss=square", "gaussian"),
         ("diagnose.fallback=net", "did you mean 'network'"),
         ("diagnose.signals=[velocity]", "diagnose.signals"),
-        ("preset=emp", "emps"),
     ],
 )
-def test_impossible_options_are_told_in_one_line(tmp_path, override, words):
-    _, made = recorded()
-    rows = [pd.DataFrame({"trial": t.name, "t": t.t, **t.signals}) for t in made.trials]
-    pd.concat(rows).to_csv(tmp_path / "run.csv", index=False)
-    command = [sys.executable, str(ROOT / "diagnose.py"), "system=drive", "data=csv", "data.path=run.csv", override]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 2 and done.stderr.count("error: ") == 1 and words in done.stderr
-    assert "Traceback" not in done.stderr
+def test_impossible_options_are_told_before_anything_is_fitted(measured, override, words):
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        cfg = compose("diagnose", ["system=drive", "data=csv", f"data.path={measured}/run.csv", override])
+    with pytest.raises(UserError) as told:
+        workflow.diagnose(OmegaConf.to_container(cfg, resolve=True), measured / "out")
+    assert words in str(told.value) and "\n" not in str(told.value)
 
 
 def test_a_file_that_is_no_augmented_model_is_refused(tmp_path):
