@@ -23,7 +23,8 @@ from frictionpinn.workflow.estimate import default_config
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ("trainer.max_epochs=2", "model.network.width=8", "data.rate_hz=100", "model=bb1")
-BRIEF = ("grid=5", "substeps=1", "trajectories.pob=[{name: Traj. 1, duration: 0.3, theta: '45*deg*sin(2*pi*t)'}]")
+BRIEF = ("grid=5", "substeps=1", "identify=false", "simulators=[]")
+BRIEF += ("trajectories.pob=[{name: Traj. 1, duration: 0.3, theta: '45*deg*sin(2*pi*t)'}]",)
 
 
 def test_a_finished_training_is_not_repeated_unless_its_configuration_changed(workdir, monkeypatch):
