@@ -241,14 +241,13 @@ class Bench:
         start = {name: fit.values[name] for name in problem.names}
         problem.start, problem.given = start, dict(fit.sigmas)
         problem.sigmas = dict(fit.sigmas)
-        found = maximum_likelihood(problem, start=start)
-        if found.outcome == FAILED:
+        estimate = maximum_likelihood(problem, start=start)
+        if estimate.outcome == FAILED:
             return None
-        details = found.details
+        details = estimate.details
         values = problem.values(details["state"].u)
-        return Fit(
-            problem.names, values, details["models"], details["state"], dict(fit.sigmas), details["minima"], True
-        )
+        found = Fit(problem.names, values, details["models"], details["state"], dict(fit.sigmas))
+        return replace(found, minima=details["minima"], searched=True)
 
     def check(self, fit: Fit) -> Fit | None:
         """The held-out trials with the fit's parameters: only their own unknowns are estimated."""

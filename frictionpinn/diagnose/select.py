@@ -13,6 +13,7 @@ from .bench import Bench
 from .candidates import Candidate
 from .contest import Accepted, Refused, Settings, contest, needed
 from .fit import Fit
+from .refits import searched
 from .remainder import Remainder
 from .restarts import lifted, peaked
 from .scan import Scanned, Tested, scan
@@ -180,7 +181,7 @@ def _deepen(bench: Bench, selection: Selection) -> bool:
         if best is not selection.fit and best.explains:
             break
         weighted = fit if fit is selection.fit else bench.refit(fit, fit.names, fit.values, selection.fit.sigmas)
-        found = None if weighted is None else bench.search(weighted) or weighted
+        found = None if weighted is None else searched(bench, weighted)
         if found is not None and penalised(found) < cost - SETTLED:
             best, cost = found, penalised(found)
             choice = replace(

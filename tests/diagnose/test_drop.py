@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from frictionpinn.diagnose import select
 from frictionpinn.diagnose.candidates import Candidate
 from frictionpinn.diagnose.contest import Accepted, Settings
-from frictionpinn.diagnose.select import Selection, _drop
+from frictionpinn.diagnose.select import Selection, _deepen, _drop
 
 SPRING = Candidate("spring_force", "spring_force", ("spring_stiffness",), ("spring_rest",), ({"spring_rest": 0.0},))
 RIPPLE = Candidate("ripple", "ripple", ("ripple_sin",), ("ripple_wavelength",), ({"ripple_wavelength": 1.0},))
@@ -81,3 +82,19 @@ def test_an_effect_goes_that_the_others_make_up_for_as_the_quadratic_model_says(
     )
     assert _drop(SimpleNamespace(refit=refit, without=without), selection, Settings())
     assert [a.candidate for a in selection.accepted] == [SPRING] and selection.fit.values["mu_c"] == 0.31
+
+
+def test_a_rival_is_compared_at_the_noise_levels_of_the_fit_and_wins_where_its_search_ends_lower(
+    selection, monkeypatch
+):
+    rival, at_those = SimpleNamespace(names=("mu_c",), values=VALUES), fit(("mu_c",), 150.0)
+    selection.fit.sigmas, selection.fit.count, selection.fit.explains = {"v": 0.1}, 1000, False
+    selection.accepted = [replace(accepted(SPRING), close=((SimpleNamespace(candidate=RIPPLE), rival),))]
+    better = SimpleNamespace(**vars(fit(("mu_c",), 60.0)), count=1000, explains=True)
+    levels = []
+    bench = SimpleNamespace(
+        refit=lambda own, names, values, sigmas: levels.append(sigmas) or at_those,
+        search=lambda own: better if own is at_those else selection.fit,
+    )
+    assert _deepen(bench, selection) and selection.fit is better and levels == [{"v": 0.1}]
+    assert selection.accepted[-1].candidate is RIPPLE

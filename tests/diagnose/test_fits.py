@@ -19,6 +19,7 @@ from frictionpinn.diagnose.observe import scales, simulations
 from frictionpinn.diagnose.restarts import lifted, peaked
 from frictionpinn.diagnose.select import Settings, _beside_vanished
 from frictionpinn.identify.problem import Problem
+from frictionpinn.identify.solve import State
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
@@ -101,13 +102,20 @@ def test_a_refit_finds_a_constant_force_of_nothing_where_there_is_none(made):
     assert found.state.cost < fit.state.cost + 0.1 and found.explains
 
 
-def test_what_makes_up_for_an_effect_that_goes_is_as_good_as_its_refit(made):
-    names = (*made.base().names, "constant_force")
-    fit = made.refit(made.base(), names, made.base().values | {"constant_force": 0.3})
-    there = made.without(fit, ["constant_force"])
-    assert there.values["constant_force"] == 0.0
-    started = made.refit(there, made.declared, there.values, iterations=0)
-    assert started.state.cost == pytest.approx(made.base().state.cost, abs=0.5)
+def test_what_stays_moves_to_the_minimum_of_the_quadratic_model_without_what_goes():
+    S = np.array([[2.0, 1.0, 0.5], [1.0, 3.0, 0.0], [0.5, 0.0, 1.0]])
+    piece = SimpleNamespace(gg=S, grad_g=np.zeros(3), grad_l=np.zeros(0))
+    names, u = ("mu_c", "drag", "shape"), np.array([0.5, 0.2, 0.3])
+    space = SimpleNamespace(limits=(np.full(3, -9.0), np.full(3, 9.0)), to_values=lambda u: u)
+    stub = SimpleNamespace(_problem=lambda *a: SimpleNamespace(space=space), problem=None)
+    fit = Fit(
+        names, dict(zip(names, u, strict=True)), (SimpleNamespace(simulator=None),), State(u, (u[:0],), (piece,)), {}
+    )
+    held = Bench.without(stub, fit, ["drag"], ["shape"])
+    assert held.values == pytest.approx({"mu_c": 0.5 + 0.2 * 1.0 / 2.0, "drag": 0.0, "shape": 0.3})
+    free = Bench.without(stub, fit, ["drag"])
+    moved = np.linalg.solve(S[np.ix_([0, 2], [0, 2])], -S[[0, 2], 1] * -0.2)
+    assert free.values == pytest.approx({"mu_c": 0.5 + moved[0], "drag": 0.0, "shape": 0.3 + moved[1]})
 
 
 def test_a_refit_ends_where_it_stands_once_it_takes_more_steps_than_any_model_should(made, monkeypatch):

@@ -181,3 +181,39 @@ def test_a_fit_that_was_searched_already_is_only_tried_with_its_static_friction_
     searched.searched = True
     stub = SimpleNamespace(problem=None, _anew=lambda f: pytest.fail("searched again"))
     assert Bench.search(stub, searched) is None
+
+
+@pytest.mark.parametrize(("correlation", "asked"), [(1.0, False), (20.0, True)])
+def test_candidates_beside_a_friction_that_vanished_are_asked_for_only_where_no_other_explains(
+    tries, correlation, asked
+):
+    tries.found = {"drag": fit(100, correlation), "low_speed": fit(50, 1.0)}
+    hidden = option("low_speed", 1)
+    hidden.beside = {"mu_s": 0.6}
+    found = refitted(tries.bench, fit(1000), [[option("drag")]], (), lambda: [hidden])
+    assert names(found) == (["low_speed", "drag"] if asked else ["drag"])
+
+
+def test_a_fit_that_explains_but_stopped_short_starts_from_the_unknowns_of_the_best(tries):
+    best, short = fit(100, 1.0), fit(170, 1.0)
+    best.locals, best.values["mu_c"] = ("those of the best",), 0.31
+    tries.found = {"sensor_bias": best, "com_offset": short}
+    started = []
+
+    def refit(there, own, values, **options):
+        if "limits" in options:  # the end of its own try
+            return None
+        started.append((there.state.locals, values["mu_c"]))
+        return fit(100, 1.0)
+
+    tries.bench.refit = refit
+    found = refitted(tries.bench, fit(1000), [[option("sensor_bias", 0)], [option("com_offset", 1)]], ())
+    assert {t.candidate.effect: f.state.cost for t, f in found} == {"sensor_bias": 100, "com_offset": 100}
+    assert started == [(("those of the best",), 0.31)]
+
+
+def test_what_leaves_little_but_not_nothing_keeps_no_other_from_being_tried(tries, monkeypatch):
+    monkeypatch.setattr(refits, "look", lambda bench, before, t: fit(300))
+    tries.found = {"ripple": fit(100, 13.0), "constant_force": fit(50, 1.0)}
+    found = refitted(tries.bench, fit(1000, 260.0), [[option("ripple", 0)]], [option("constant_force", 1)])
+    assert names(found)[0] == "constant_force"
