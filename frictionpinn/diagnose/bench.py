@@ -74,11 +74,7 @@ class Bench:
     @cached_property
     def usual_steps(self) -> int:
         """Steps of the integrator that simulate all trials once, at the declared model's fit."""
-        base = self.base()
-        simulator = base.models[0].simulator
-        before = simulator.steps_taken
-        self.simulate(base)
-        return simulator.steps_taken - before
+        return sum(len(run.steps.interval) for run in self.simulate(self.base()))
 
     @cached_property
     def checked(self) -> Problem | None:

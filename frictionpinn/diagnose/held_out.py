@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..identify.explore import explore
+from ..identify.parallel import in_parallel
 from ..identify.solve import FAINT, State, levenberg_marquardt, reduced
 from ..identify.trial import Piece
 from .bench import REFIT, Bench
@@ -24,13 +25,14 @@ def held_out_gain(bench: Bench, before: Fit, after: Fit, enough: float) -> float
     if bench.checked is None:
         return None
     after = replace(after, sigmas=before.sigmas)
-    old, new = bench.check(before), bench.check(after)
+    both = before, after
+    old, new = in_parallel(lambda k: bench.check(both[k]), [1.0, 1.0])
     if old is None or new is None:
         return None if new is not None else -np.inf
     gain = old.state.cost - new.state.cost
     if gain >= enough or not bench.mechanism.memory:
         return gain
-    pair = surprise(bench, before), surprise(bench, after)
+    pair = in_parallel(lambda k: surprise(bench, both[k]), [1.0, 1.0])
     return gain if pair[0] is None or pair[1] is None else max(gain, pair[0] - pair[1])
 
 
@@ -40,15 +42,15 @@ def compared_gains(bench: Bench, before: Fit, fits: Sequence[Fit]) -> list[float
     That of :func:`surprise` for laws with memory: with the parameters as fitted a slip that sets in a little late costs
     more than what tells the rivals apart.
     """
-    reference = surprise(bench, before) if bench.mechanism.memory else None
-    gains = []
-    for fit in fits:
-        own = None if reference is None else surprise(bench, replace(fit, sigmas=before.sigmas))
-        if reference is None or own is None:
-            gains.append(held_out_gain(bench, before, fit, -np.inf) or 0.0)
-        else:
-            gains.append(reference - own)
-    return gains
+    judged = [before, *(replace(fit, sigmas=before.sigmas) for fit in fits)]
+    told: list[float | None] = [None] * len(judged)
+    if bench.mechanism.memory:
+        told = in_parallel(lambda k: surprise(bench, judged[k]), [1.0] * len(judged))
+    reference = told[0]
+    return [
+        (held_out_gain(bench, before, fit, -np.inf) or 0.0) if reference is None or own is None else reference - own
+        for fit, own in zip(fits, told[1:], strict=True)
+    ]
 
 
 def surprise(bench: Bench, fit: Fit) -> float | None:

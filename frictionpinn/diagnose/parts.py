@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from threading import Lock
 
 import numpy as np
 
@@ -39,6 +40,7 @@ class Parts:
         self._always = {e.name for e in tested.effects if e.name in {d.name for d in declared.effects} or e.memory}
         self._own = {e.name: e.parameters_on(tested.system, tested.law) for e in tested.effects}
         self._made: dict[tuple[str, ...], Simulator] = {}
+        self._making = Lock()
 
     def of(self, names: Iterable[str], values: Mapping[str, float]) -> Simulator:
         """The simulator for these free parameters, with the others at these values.
@@ -48,12 +50,13 @@ class Parts:
         free = set(names)
         effects = tuple(e for e in self.tested.effects if e.name in self._always or self._acts(e, free, values))
         key = tuple(e.name for e in effects)
-        if key not in self._made:
-            try:
-                self._made[key] = Part(Mechanism(self.tested.system, self.tested.law, effects))
-            except UserError:
-                self._made[key] = self.whole
-        return self._made[key]
+        with self._making:
+            if key not in self._made:
+                try:
+                    self._made[key] = Part(Mechanism(self.tested.system, self.tested.law, effects))
+                except UserError:
+                    self._made[key] = self.whole
+            return self._made[key]
 
     def _acts(self, effect: Effect, free: set[str], values: Mapping[str, float]) -> bool:
         own = [par for par in self._own[effect.name] if par.neutral is not None]

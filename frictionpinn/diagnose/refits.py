@@ -8,8 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..identify.parallel import in_parallel
 from .bench import Bench
 from .fit import Fit
+from .rivals import Contender, best_of, levelled, moved
 from .scan import Tested
 from .score import ALIKE
 from .tries import ASTRAY, add, better, leaves_little, look, penalised, reach
@@ -21,14 +23,10 @@ WORTH = 0.5, 0.25  # of the best statistic: candidates with less are not refitte
 PROMISING = 0.5  # of the cost beyond noise: contenders that take off less are not the first to search anew
 MATES = 3  # of the best contender, if it leaves more than noise: refitted too
 BETTER = 5  # candidates outside the classes that are refitted after a first look at all
-TOLD = 1.0  # log-likelihood: fits that may be equal, but differ by more, are fitted from one another
-MATE = 0.9  # cosine of two traces from which the strength of one is told from the other's
 SHORT = 12  # iterations of a try beside a candidate that leaves little
 DEEP = 3  # contenders that are searched anew where no refit explains the residual
 NEAR = 50.0  # log-likelihood: rivals that are searched anew too, should the winner prove to be in a wrong minimum
 CLOSE = 0.7  # of the winner's gain: so near they are at least
-
-Contender = tuple[Tested, Fit]
 
 
 def refitted(
@@ -47,8 +45,11 @@ def refitted(
         beside: tells candidates that show only beside a friction that had vanished; asked if none of these explains it.
     """
     fits: list[Contender] = []
-    for group in _promising_first(bench, before, classes):
-        fits += _added(bench, before, group[0], fits)
+    left = [group[0] for group in _promising_first(bench, before, classes)]
+    while left and not _explained(fits):
+        fits += _added(bench, before, left.pop(0), fits)
+    rest = in_parallel(lambda k: _added(bench, before, left[k], fits), [1.0] * len(left))
+    fits += [pair for found in rest for pair in found]
     for tested in [] if _explained(fits) else beside():
         classes.append([tested])
         fits += _added(bench, before, tested, fits)
@@ -56,7 +57,7 @@ def refitted(
     if fits and not _explained(fits):
         fits = _alike_refitted(bench, before, classes, fits)
     elif fits:
-        fits = _levelled(bench, fits)
+        fits = levelled(bench, fits)
     if bench.mechanism.memory and fits:
         if _explained(fits):
             fits = _rivals_searched(bench, before, fits)
@@ -81,7 +82,7 @@ def _added(bench: Bench, before: Fit, tested: Tested, fits: Sequence[Contender])
 
 def _beside_solved(bench: Bench, before: Fit, tested: Tested, fits: Sequence[Contender]) -> Fit | None:
     """A candidate beside one that leaves little: a short try, from there too, and the rest where it comes near."""
-    best = _best(fits)
+    best = best_of(fits)
     found = add(bench, before, tested, thorough=False, iterations=SHORT)
     if not _explained(fits):
         found = better(found, add(bench, _as(before, best), tested, thorough=False, iterations=SHORT))
@@ -98,9 +99,13 @@ def _promising_first(bench: Bench, before: Fit, classes: list[list[Tested]]) -> 
     """
     if len(classes) < 2 or max(g[0].statistic for g in classes) <= ASTRAY:
         return classes
-    looks = [(look(bench, before, group[0]), group) for group in classes]
-    looks.sort(key=lambda pair: np.inf if pair[0] is None else penalised(pair[0]))
-    return [group for _, group in looks]
+    looks = zip(_looks(bench, before, [group[0] for group in classes]), classes, strict=True)
+    ranked = sorted(looks, key=lambda pair: np.inf if pair[0] is None else penalised(pair[0]))
+    return [group for _, group in ranked]
+
+
+def _looks(bench: Bench, before: Fit, tested: Sequence[Tested]) -> list[Fit | None]:
+    return in_parallel(lambda k: look(bench, before, tested[k]), [1.0] * len(tested))
 
 
 def _best_of_each(fits: Sequence[Contender]) -> list[Contender]:
@@ -120,10 +125,6 @@ def _nearly(before: Fit, fits: Sequence[Contender]) -> bool:
     return any(leaves_little(before, fit) for _, fit in fits)
 
 
-def _best(fits: Sequence[Contender]) -> Contender:
-    return min(fits, key=lambda pair: penalised(pair[1]))
-
-
 def _as(before: Fit, found: Contender) -> Fit:
     """The fit before with what another found of its parameters and of the trials' unknowns."""
     values = before.values | {name: found[1].values[name] for name in before.names}
@@ -138,7 +139,7 @@ def _alike_refitted(
 
     Those that were refitted leave the class and are one each.
     """
-    head = _best(fits)
+    head = best_of(fits)
     group = next(g for g in classes if g[0] is head[0])
     made = [head]
     for tested in group[1 : 1 + MATES]:
@@ -147,38 +148,7 @@ def _alike_refitted(
             made.append((tested, found))
             group.remove(tested)
             classes.append([tested])
-    return [*(pair for pair in fits if pair is not head), *_levelled(bench, made, True)]
-
-
-def _levelled(bench: Bench, fits: Sequence[Contender], all_: bool = False) -> list[Contender]:
-    """The fits, those fitted from the best too that explain the residual or do much the same (or all).
-
-    One may have stopped short.
-    """
-    for _ in fits:
-        best = _best(fits)
-        limit = penalised(best[1]) + TOLD
-        fits = [
-            (tested, (better(fit, _moved(bench, (tested, fit), best)) or fit))
-            if (all_ or fit.explains or _mates(tested, best[0])) and penalised(fit) > limit
-            else (tested, fit)
-            for tested, fit in fits
-        ]
-        if penalised(_best(fits)[1]) > limit - 2 * TOLD:
-            break
-    return list(fits)
-
-
-def _mates(one: Tested, other: Tested) -> bool:
-    return abs(float(one.trace @ other.trace)) > MATE
-
-
-def _alike_strength(tested: Tested, best: Contender) -> dict[str, float]:
-    """The strength that makes what the best's does, as far as the score tests tell: {} where there are several."""
-    if not _mates(tested, best[0]) or len(tested.step) != 1 or len(best[0].step) != 1:
-        return {}
-    ((name, step),), ((other, unit),) = tested.step.items(), best[0].step.items()
-    return {name: best[1].values[other] * step / unit} if unit else {}
+    return [*(pair for pair in fits if pair is not head), *levelled(bench, made, True)]
 
 
 def _out_of_wrong_minima(
@@ -200,16 +170,20 @@ def _out_of_wrong_minima(
 
 
 def _searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Contender]:
-    """The fits, those searched anew that come near the best: all of them, since one in a wrong minimum may be right."""
+    """The fits, those searched anew that come near the best: all of them, since one in a wrong minimum may be right.
+
+    First each is fitted from the best's unknowns, which costs a hundredth of a search and may do.
+    """
     fits = sorted(fits, key=lambda pair: penalised(pair[1]))
+    fits = sorted([*levelled(bench, fits[:DEEP], True), *fits[DEEP:]], key=lambda pair: penalised(pair[1]))
     best = penalised(fits[0][1])
     reach_ = best + max(NEAR, 0.1 * (before.state.cost - fits[0][1].state.cost))
     found: list[Contender] = []
     for k, (tested, fit) in enumerate(fits):
         if k < DEEP and penalised(fit) < reach_ and not fit.explains:
             if _explained(found):  # out of that minimum the others come from there, if they come near at all
-                winner = _best(found)
-                fit = better(fit, _moved(bench, (tested, fit), winner)) or fit
+                winner = best_of(found)
+                fit = better(fit, moved(bench, (tested, fit), winner)) or fit
                 fit = fit if penalised(fit) > penalised(winner[1]) + NEAR else searched(bench, fit)
             else:
                 fit = searched(bench, fit)
@@ -241,17 +215,9 @@ def _rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> li
     near = sum(hoped(pair) < reach_ for pair in fits[:DEEP])
     if near < 2:
         return fits
-    found = [(tested, searched(bench, fit)) for tested, fit in fits[:near]]
-    return _levelled(bench, [*_levelled(bench, found, True), *fits[near:]])
-
-
-def _moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:
-    """The fit anew, from the best's unknowns that they share, and a strength that does what the best's does."""
-    tested, fit = own
-    private = {*tested.candidate.strengths, *tested.candidate.hidden}
-    shared = {name: best[1].values[name] for name in fit.names if name in best[1].names and name not in private}
-    there = replace(fit, state=replace(fit.state, locals=best[1].locals))
-    return bench.refit(there, fit.names, {**fit.values, **shared, **_alike_strength(tested, best)})
+    better_ = in_parallel(lambda k: searched(bench, fits[k][1]), [1.0] * near)
+    found = [(tested, fit) for (tested, _), fit in zip(fits, better_, strict=False)]
+    return levelled(bench, [*levelled(bench, found, True), *fits[near:]])
 
 
 def _try_others(
@@ -260,7 +226,7 @@ def _try_others(
     """Refit the best candidates outside the classes, each as a class of its own, until one explains the residual."""
     known = [group[0].trace for group in classes]
     left = [t for t in others if all(abs(float(trace @ t.trace)) < ALIKE for trace in known)]
-    looks = [(tested, look(bench, before, tested)) for tested in left]
+    looks = zip(left, _looks(bench, before, left), strict=True)
     ranked = sorted(((t, f) for t, f in looks if f is not None), key=lambda pair: penalised(pair[1]))
     for tested, _ in ranked[:BETTER]:
         found = add(bench, before, tested, thorough=False)

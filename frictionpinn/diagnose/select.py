@@ -9,6 +9,7 @@ from functools import cache, partial
 
 import numpy as np
 
+from ..identify.parallel import in_parallel
 from .bench import Bench
 from .candidates import Candidate
 from .contest import Accepted, Refused, Settings, contest, needed
@@ -144,6 +145,8 @@ def _beside_vanished(
     of the real one.
     """
     fit = selection.fit
+    if selection.accepted and fit.explains:  # nothing is left that could hide there
+        return []
     back = lifted(bench.problem, bench.sizes, fit.values)
     found = _held(bench, fit, [back]) if back else _held(bench, fit, peaked(bench.problem, fit.values))
     if found is None:
@@ -157,11 +160,12 @@ def _beside_vanished(
 
 def _held(bench: Bench, fit: Fit, starts: Sequence[Mapping[str, float]]) -> Fit | None:
     """The best refit with what the starts change held there."""
-    fits = []
-    for values in starts:
-        moved = {name for name in fit.names if values[name] != fit.values[name]}
-        fits.append(bench.refit(fit, tuple(n for n in fit.names if n not in moved), values))
-    return better(*fits)
+
+    def held(k: int) -> Fit | None:
+        values = starts[k]
+        return bench.refit(fit, tuple(n for n in fit.names if values[n] == fit.values[n]), values)
+
+    return better(*in_parallel(held, [1.0] * len(starts)))
 
 
 def _doubtful(selection: Selection, options: Sequence[Candidate], settings: Settings) -> bool:

@@ -10,7 +10,7 @@ import pytest
 from frictionpinn.diagnose import select
 from frictionpinn.diagnose.candidates import Candidate
 from frictionpinn.diagnose.contest import Accepted, Settings
-from frictionpinn.diagnose.select import Selection, _deepen, _drop
+from frictionpinn.diagnose.select import Selection, _beside_vanished, _deepen, _drop
 
 SPRING = Candidate("spring_force", "spring_force", ("spring_stiffness",), ("spring_rest",), ({"spring_rest": 0.0},))
 RIPPLE = Candidate("ripple", "ripple", ("ripple_sin",), ("ripple_wavelength",), ({"ripple_wavelength": 1.0},))
@@ -98,3 +98,8 @@ def test_a_rival_is_compared_at_the_noise_levels_of_the_fit_and_wins_where_its_s
     )
     assert _deepen(bench, selection) and selection.fit is better and levels == [{"v": 0.1}]
     assert selection.accepted[-1].candidate is RIPPLE
+
+
+def test_nothing_is_looked_for_beside_a_friction_that_vanished_once_an_effect_explains_the_residual(selection):
+    selection.fit.explains = True
+    assert _beside_vanished(None, selection, [RIPPLE], Settings()) == []

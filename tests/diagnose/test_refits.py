@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from frictionpinn.diagnose import bench as benches
-from frictionpinn.diagnose import refits
+from frictionpinn.diagnose import refits, rivals
 from frictionpinn.diagnose import tries as tries_
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.candidates import Candidate
@@ -48,7 +48,8 @@ def tries(monkeypatch):
         mechanism=SimpleNamespace(memory=True), search=search, refit=lambda *a, **k: None, clip=dict
     )
     monkeypatch.setattr(refits, "add", add)
-    monkeypatch.setattr(refits, "replace", lambda item, **changes: SimpleNamespace(**(vars(item) | changes)))
+    for module in (refits, rivals):
+        monkeypatch.setattr(module, "replace", lambda item, **changes: SimpleNamespace(**(vars(item) | changes)))
     return seen
 
 
@@ -101,9 +102,20 @@ def test_once_one_explains_the_residual_others_are_searched_only_where_they_come
     assert names(refitted(tries.bench, fit(1000, 250.0), classes, ())) == ["spring_force", "ripple"]
     assert tries.searched == [spring]
     near, tries.searched = fit(40, 8.0), []
-    tries.bench.refit = lambda found, own, values, **options: None if "limits" in options else near
+    explains.values["mu_c"] = 0.31
+    tries.bench.refit = lambda found, own, values, **options: near if values["mu_c"] == 0.31 else None
     refitted(tries.bench, fit(1000, 250.0), [[option("spring_force", 0)], [option("ripple", 1)]], ())
     assert tries.searched == [spring, near]
+
+
+def test_no_search_is_made_where_a_contender_explains_the_residual_from_the_unknowns_of_the_best(tries):
+    asymmetry, constant = fit(100, 20.0), fit(130, 22.0)
+    asymmetry.values["mu_c"] = 0.31
+    tries.found = {"asymmetry": asymmetry, "constant_force": constant}
+    tries.bench.refit = lambda found, own, values, **options: fit(20, 1.0) if values["mu_c"] == 0.31 else None
+    classes = [[option("asymmetry", 0)], [option("constant_force", 1)]]
+    assert names(refitted(tries.bench, fit(1000, 250.0), classes, ())) == ["constant_force", "asymmetry"]
+    assert tries.searched == []
 
 
 def test_where_the_fit_is_astray_a_first_look_says_which_candidate_is_refitted_first(tries, monkeypatch):

@@ -1,0 +1,67 @@
+"""Fits of rivals from one another: of those that explain the same, one may have stopped short."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ..identify.parallel import in_parallel
+from .bench import Bench
+from .fit import Fit
+from .scan import Tested
+from .tries import better, penalised
+
+TOLD = 1.0  # log-likelihood: fits that may be equal, but differ by more, are fitted from one another
+MATE = 0.9  # cosine of two traces from which the strength of one is told from the other's
+
+Contender = tuple[Tested, Fit]
+
+
+def best_of(fits: Sequence[Contender]) -> Contender:
+    return min(fits, key=lambda pair: penalised(pair[1]))
+
+
+def levelled(bench: Bench, fits: Sequence[Contender], all_: bool = False) -> list[Contender]:
+    """The fits, those fitted from the best too that explain the residual or do much the same (or all).
+
+    One may have stopped short.
+    """
+    fits = list(fits)
+    for _ in range(len(fits)):
+        best = best_of(fits)
+        limit = penalised(best[1]) + TOLD
+        behind = [
+            k for k, (tested, fit) in enumerate(fits)
+            if (all_ or fit.explains or _mates(tested, best[0])) and penalised(fit) > limit
+        ]  # fmt: skip
+        for k, found in zip(behind, _all_moved(bench, [fits[k] for k in behind], best), strict=True):
+            tested, fit = fits[k]
+            fits[k] = tested, better(fit, found) or fit
+        if penalised(best_of(fits)[1]) > limit - 2 * TOLD:
+            break
+    return fits
+
+
+def _all_moved(bench: Bench, fits: Sequence[Contender], best: Contender) -> list[Fit | None]:
+    return in_parallel(lambda k: moved(bench, fits[k], best), [1.0] * len(fits))
+
+
+def _mates(one: Tested, other: Tested) -> bool:
+    return abs(float(one.trace @ other.trace)) > MATE
+
+
+def moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:
+    """The fit anew, from the best's unknowns that they share, and a strength that does what the best's does."""
+    tested, fit = own
+    private = {*tested.candidate.strengths, *tested.candidate.hidden}
+    shared = {name: best[1].values[name] for name in fit.names if name in best[1].names and name not in private}
+    there = replace(fit, state=replace(fit.state, locals=best[1].locals))
+    return bench.refit(there, fit.names, {**fit.values, **shared, **_alike_strength(tested, best)})
+
+
+def _alike_strength(tested: Tested, best: Contender) -> dict[str, float]:
+    """The strength that makes what the best's does, as far as the score tests tell: {} where there are several."""
+    if not _mates(tested, best[0]) or len(tested.step) != 1 or len(best[0].step) != 1:
+        return {}
+    ((name, step),), ((other, unit),) = tested.step.items(), best[0].step.items()
+    return {name: best[1].values[other] * step / unit} if unit else {}
