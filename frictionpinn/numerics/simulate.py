@@ -2,47 +2,28 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from threading import Lock
-from types import MappingProxyType, ModuleType
+from types import MappingProxyType
 
 import numpy as np
 
 from ..errors import UserError, nearest
 from ..physics.mechanism import Mechanism
 from .bristle import resting_states, steady_bristle
-from .codegen import Kernels, pointer
+from .codegen import Kernels
 from .differentiate import Wanted, differentiate
 from .measure import Drive, Sensors
 from .paths import Directions, InputPath
 from .simulation import ContactLost, Simulation, SimulationFailed, Steps
-from .tableau import METHOD
+from .stepping import PLAIN, STRICT, integrate_path, observed
 
 __all__ = ["ContactLost", "Simulation", "SimulationFailed", "Simulator", "Steps"]
 
-log = logging.getLogger(__name__)
-
-_NO_STEPS = Steps(np.empty(0, np.int64), np.empty((0, 2)), np.empty((0, 0, 0)))
 _NONE: Mapping = MappingProxyType({})
 _NOTHING = Wanted((), np.empty(0, np.int64), np.empty(0, np.int64), Directions.of({}, (1, 0, 0)))
 Values = Mapping[str, float] | Sequence[float] | np.ndarray
-
-
-def _integrator() -> ModuleType:
-    """Import on first use: a new installation compiles the integrator then, for all mechanisms at once."""
-    log.debug("loading the integrator: the first time on an installation takes about 15 s")
-    from . import integrator
-
-    return integrator
-
-
-def _same_times(steps: Steps, t: np.ndarray) -> bool:
-    intervals, n = np.diff(t), len(t) - 1
-    if not len(steps) or steps.interval.max() >= n or (np.diff(steps.interval) < 0).any():
-        return False
-    return np.allclose(np.bincount(steps.interval, steps.size[:, 1], n), intervals, rtol=1e-9)
 
 
 class Simulator:
@@ -138,8 +119,9 @@ class Simulator:
         wanted = self._wanted(sensitivities, directions, recorded, vector)
         path = self._drive.path(recorded, vector)
         start = self._start(y0, z0, path.coefficients[0, :, 0], vector)
-        states, unknowns, record = self._integrate(path, vector, start, rtol, atol, steps, strict or bool(wanted.names))
-        truth = self._result(path, recorded, vector, states, unknowns, record)
+        solve = STRICT if strict or wanted.names else PLAIN
+        found = integrate_path(self.kernels, path, vector, start, (rtol, atol, solve), steps, self._count)
+        truth = observed(self.kernels, path, recorded, vector, *found)
         known = self._known(truth.signals, truth.F)
         result = replace(truth, signals=truth.signals | self._sensors.read(path.t, known, vector))
         if not wanted.names:
@@ -191,6 +173,10 @@ class Simulator:
         """Derivatives of everything that a simulation shows, by name."""
         changes = differentiate(self.kernels, path, p, run.states, run.unknowns, run.steps, wanted, steady)
         return self.shown(run, inputs, p, changes, wanted.names)
+
+    def _count(self, steps: int) -> None:
+        with self._counting:
+            self.steps_taken += steps
 
     def acting(self, inputs: InputPath, p: np.ndarray) -> InputPath:
         """The path that acts at a parameter vector: delayed where an effect says so, with the time where it enters."""
@@ -284,75 +270,3 @@ class Simulator:
         if not np.isfinite(start).all():
             raise UserError("initial state that is not finite", where="y0", received=start.tolist())
         return start
-
-    # what the integrator does ---------------------------------------------------------------------------------
-    def _integrate(
-        self,
-        path: InputPath,
-        p: np.ndarray,
-        start: np.ndarray,
-        rtol: float,
-        atol: float,
-        steps: Steps | None,
-        strict: bool,
-    ) -> tuple[np.ndarray, np.ndarray, Steps]:
-        (n_s, n_w, _, _), n, m = self.kernels.sizes, len(path.t), len(self.mechanism.free)
-        if n_w == 0:
-            return np.zeros((n, 0)), np.zeros((n, 0)), _NO_STEPS
-        if steps is not None and not _same_times(steps, path.t):
-            raise UserError("steps of a simulation of other times", where="steps", fix="record them on the same times")
-        core = _integrator()
-        limits = np.full(n_s, atol * min(2.5e-3, (path.t[-1] - path.t[0]) / (n - 1)))
-        limits[m : 2 * m] = atol
-        taken = steps or _NO_STEPS
-        tolerance = 1e-12 if steps else 1e-5 if strict else 1e-2  # sensitivities hold where R = 0 holds
-        order = min(METHOD.order, METHOD.order_embedded) + 1
-        status, time, states, unknowns, interval, size, stages = core.integrate(
-            pointer(self.kernels.plain.newton),
-            METHOD.a,
-            METHOD.c,
-            METHOD.error,
-            order,
-            path.t,
-            path.coefficients,
-            p,
-            m,
-            limits,
-            rtol,
-            tolerance,
-            start,
-            taken.interval,
-            taken.size,
-        )
-        with self._counting:
-            self.steps_taken += len(interval)
-        if status == core.CONTACT_LOST:
-            raise ContactLost(time)
-        if status == core.NOT_CONVERGED or not np.isfinite(states).all():
-            raise SimulationFailed(time, "Newton's method did not converge", "check the parameters and inputs there")
-        if status != core.OK:
-            raise SimulationFailed(time, "the step became too small", "loosen rtol and atol, or smooth the inputs")
-        return states, unknowns, Steps(interval, size, stages)
-
-    def _result(
-        self,
-        path: InputPath,
-        recorded: InputPath,
-        p: np.ndarray,
-        states: np.ndarray,
-        unknowns: np.ndarray,
-        record: Steps,
-    ) -> Simulation:
-        m = len(self.mechanism.free)
-        kernel = pointer(self.kernels.plain.outputs)
-        outputs = _integrator().evaluate_samples(kernel, states, unknowns, path.samples, p, 3)
-        v_slip, normal, friction = outputs.T
-        if not (normal > 0).all():
-            raise ContactLost(path.t[int(np.argmin(normal > 0))])
-        q, v, a = states[:, :m], states[:, m : 2 * m], unknowns[:, :m]
-        zero = np.zeros(len(path.t))
-        z, zdot = (states[:, -1], unknowns[:, -1]) if self.mechanism.memory else (zero, zero)
-        signals = dict(recorded.signals)
-        for j, c in enumerate(self.mechanism.free):
-            signals.update(zip(c.signals, (q[:, j], v[:, j], a[:, j]), strict=True))
-        return Simulation(path.t, q, v, a, z, zdot, v_slip, normal, friction, signals, record, states, unknowns)

@@ -1,0 +1,124 @@
+"""One integration of a mechanism's equations over a path, and what its solution shows."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from types import ModuleType
+
+import numpy as np
+
+from ..errors import UserError
+from .codegen import Kernels, pointer
+from .paths import InputPath
+from .simulation import ContactLost, Simulation, SimulationFailed, Steps
+from .tableau import METHOD
+
+log = logging.getLogger(__name__)
+
+# How closely a stage is solved, in what a step may err: for a motion, for sensitivities (they hold where R = 0 holds),
+# and for steps that are taken as they were.
+PLAIN, STRICT, REPEATED = 1e-2, 1e-5, 1e-12
+_NO_STEPS = Steps(np.empty(0, np.int64), np.empty((0, 2)), np.empty((0, 0, 0)))
+
+
+def _integrator() -> ModuleType:
+    """Import on first use: a new installation compiles the integrator then, for all mechanisms at once."""
+    log.debug("loading the integrator: the first time on an installation takes about 15 s")
+    from . import integrator
+
+    return integrator
+
+
+def _same_times(steps: Steps, t: np.ndarray) -> bool:
+    intervals, n = np.diff(t), len(t) - 1
+    if not len(steps) or steps.interval.max() >= n or (np.diff(steps.interval) < 0).any():
+        return False
+    return np.allclose(np.bincount(steps.interval, steps.size[:, 1], n), intervals, rtol=1e-9)
+
+
+def integrate_path(
+    kernels: Kernels,
+    path: InputPath,
+    p: np.ndarray,
+    start: np.ndarray,
+    errors: tuple[float, float, float],
+    steps: Steps | None,
+    count: Callable[[int], None],
+) -> tuple[np.ndarray, np.ndarray, Steps]:
+    """States (n, n_s) and unknowns (n, n_w) at the samples of a path, and the steps taken.
+
+    Args:
+        path: as it acts.
+        p: parameter vector, shape (n_p,).
+        start: initial state, shape (n_s,).
+        errors: rtol, atol and how closely a stage is solved.
+        steps: to take instead of choosing any.
+        count: told the steps taken, also where the solution ends early.
+
+    Raises:
+        ContactLost, SimulationFailed, UserError: see :meth:`Simulator.simulate`.
+    """
+    (n_s, n_w, _, _), n, m = kernels.sizes, len(path.t), len(kernels.mechanism.free)
+    if n_w == 0:
+        return np.zeros((n, 0)), np.zeros((n, 0)), _NO_STEPS
+    if steps is not None and not _same_times(steps, path.t):
+        raise UserError("steps of a simulation of other times", where="steps", fix="record them on the same times")
+    core, (rtol, atol, tolerance) = _integrator(), errors
+    limits = np.full(n_s, atol * min(2.5e-3, (path.t[-1] - path.t[0]) / (n - 1)))
+    limits[m : 2 * m] = atol
+    taken = steps or _NO_STEPS
+    order = min(METHOD.order, METHOD.order_embedded) + 1
+    status, time, states, unknowns, interval, size, stages = core.integrate(
+        pointer(kernels.plain.newton),
+        METHOD.a,
+        METHOD.c,
+        METHOD.error,
+        order,
+        path.t,
+        path.coefficients,
+        p,
+        m,
+        limits,
+        rtol,
+        REPEATED if steps else tolerance,
+        start,
+        taken.interval,
+        taken.size,
+    )
+    count(len(interval))
+    if status == core.CONTACT_LOST:
+        raise ContactLost(time)
+    if status == core.NOT_CONVERGED or not np.isfinite(states).all():
+        raise SimulationFailed(time, "Newton's method did not converge", "check the parameters and inputs there")
+    if status != core.OK:
+        raise SimulationFailed(time, "the step became too small", "loosen rtol and atol, or smooth the inputs")
+    return states, unknowns, Steps(interval, size, stages)
+
+
+def observed(
+    kernels: Kernels,
+    path: InputPath,
+    recorded: InputPath,
+    p: np.ndarray,
+    states: np.ndarray,
+    unknowns: np.ndarray,
+    steps: Steps,
+) -> Simulation:
+    """What a solution shows, before any sensor.
+
+    Raises:
+        ContactLost: the normal force is not above zero at every sample.
+    """
+    mechanism, m = kernels.mechanism, len(kernels.mechanism.free)
+    outputs = _integrator().evaluate_samples(pointer(kernels.plain.outputs), states, unknowns, path.samples, p, 3)
+    v_slip, normal, friction = outputs.T
+    if not (normal > 0).all():
+        raise ContactLost(path.t[int(np.argmin(normal > 0))])
+    q, v, a = states[:, :m], states[:, m : 2 * m], unknowns[:, :m]
+    zero = np.zeros(len(path.t))
+    z, zdot = (states[:, -1], unknowns[:, -1]) if mechanism.memory else (zero, zero)
+    signals = dict(recorded.signals)
+    for j, c in enumerate(mechanism.free):
+        signals.update(zip(c.signals, (q[:, j], v[:, j], a[:, j]), strict=True))
+    return Simulation(path.t, q, v, a, z, zdot, v_slip, normal, friction, signals, steps, states, unknowns)
