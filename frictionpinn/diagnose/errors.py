@@ -12,30 +12,48 @@ import sympy as sp
 from ..physics.system import System
 from .bench import Bench
 from .fit import Fit
+from .noise import lone
 from .observe import samples
 
 FORCE = "friction_force"
 
 
-def signal_rms(fit: Fit) -> dict[str, float]:
+Masks = Sequence[Mapping[str, np.ndarray]]  # of every trial: signal -> which samples, shape (n,)
+
+
+def left_out(bench: Bench, fit: Fit, sigmas: Mapping[str, float]) -> Masks:
+    """Samples of each trial that are taken for outliers, by signal; none where the loss does not expect any.
+
+    No model comes near them, and one in a hundred would hide in the root mean square what the model does. A law without
+    memory makes lone residuals itself, where it jumps a sample too late: those count.
+    """
+    if not (bench.problem.loss.robust and bench.mechanism.memory):
+        return [{} for _ in fit.state.pieces]
+    return [{n: lone(r, sigmas[n]) for n, r in p.residuals.items() if n in sigmas} for p in fit.state.pieces]
+
+
+def signal_rms(fit: Fit, without: Masks) -> dict[str, float]:
     """Root-mean-square distance of model and measurement by signal, SI units, all trials together."""
-    result = {}
-    for name in dict.fromkeys(name for piece in fit.state.pieces for name in piece.residuals):
-        r = np.concatenate([p.residuals[name] for p in fit.state.pieces if name in p.residuals])
-        result[name] = float(np.sqrt(np.nanmean(r**2)))
-    return result
+    squares: dict[str, list[np.ndarray]] = {}
+    for piece, masks in zip(fit.state.pieces, without, strict=True):
+        for name, r in piece.residuals.items():
+            squares.setdefault(name, []).append(np.where(masks.get(name, False), np.nan, r) ** 2)
+    return {name: float(np.sqrt(np.nanmean(np.concatenate(own)))) for name, own in squares.items()}
 
 
-def implied_force(bench: Bench, fit: Fit) -> list[tuple[np.ndarray, np.ndarray]]:
+def implied_force(bench: Bench, fit: Fit, without: Masks) -> list[tuple[np.ndarray, np.ndarray]]:
     """Friction force that each trial's measured motion implies, and the simulated one, shape (n,) each.
 
     The measured force of a system whose motion is imposed is taken as it is.
     """
     system, pairs = bench.mechanism.system, []
-    for model, run in zip(fit.models, bench.simulate(fit), strict=True):
+    for model, run, masks in zip(fit.models, bench.simulate(fit), without, strict=True):
         measured = dict(run.signals) | dict(zip(model.outputs, model.y, strict=True))
+        measured |= {n: np.where(mask, np.nan, measured[n]) for n, mask in masks.items() if n in model.outputs}
         for item in model.inputs:
-            measured |= {n: np.where(np.isnan(y), run.signals[n], y) for n, y in zip(item.names, item.y, strict=True)}
+            given = dict(zip(item.names, item.y, strict=True))
+            measured |= {n: np.where(np.isnan(y), run.signals[n], y) for n, y in given.items()}
+            measured |= {n: np.where(masks[n], np.nan, measured[n]) for n in given if n in masks}
         if system.massless:
             name = next(iter(model.outputs))
             pairs.append((measured[name], run.signals[name]))
@@ -83,7 +101,7 @@ def compare(bench: Bench, before: Fit, after: Fit, sigmas: Mapping[str, float]) 
     """Errors of two fits on the same trials by signal, and in the implied friction force.
 
     Args:
-        sigmas: noise levels, SI units.
+        sigmas: noise levels as the loss tells them, SI units.
 
     Returns:
         signal -> {quantity, unit, before, after, noise_floor}, the friction force that the motion implies last; the
@@ -91,13 +109,17 @@ def compare(bench: Bench, before: Fit, after: Fit, sigmas: Mapping[str, float]) 
     """
     system = bench.mechanism.system
     units = system.signal_units
-    old, new = signal_rms(before), signal_rms(after)
+    sigmas = {name: bench.problem.loss.spread * sigma for name, sigma in sigmas.items()}
+    without = left_out(bench, after, sigmas)
+    old, new = signal_rms(before, without), signal_rms(after, without)
     result: dict[str, Any] = {}
     for name in old:
         if name in bench.problem.channels.outputs:
-            result[name] = _entry(f"rms error of {name} in simulation", units.get(name, ""), old[name], new[name],
+            count = sum(int(masks[name].sum()) for masks in without if name in masks)
+            what = f"rms error of {name} in simulation" + (f", {count} outliers left out" if count else "")
+            result[name] = _entry(what, units.get(name, ""), old[name], new[name],
                                   sigmas.get(name, float("nan")))  # fmt: skip
-    pairs = [implied_force(bench, fit) for fit in (before, after)]
+    pairs = [implied_force(bench, fit, without) for fit in (before, after)]
     (old_force, old_share), (new_force, new_share) = (force_rms(p) for p in pairs)
     floor = force_floor(bench, after, sigmas)
     name = next(iter(result)) if system.massless else FORCE

@@ -99,8 +99,6 @@ def whiteness(residuals: Sequence[np.ndarray], lags: int = 20) -> float:
 def outliers(residuals: Mapping[str, Mapping[str, np.ndarray]]) -> float:
     """Largest share among the signals of lone residuals beyond five robust standard deviations.
 
-    Lone: with neighbours within three; what a model lacks shows over several samples.
-
     Args:
         residuals: trial -> signal -> samples.
     """
@@ -108,7 +106,14 @@ def outliers(residuals: Mapping[str, Mapping[str, np.ndarray]]) -> float:
     for name in {name for signals in residuals.values() for name in signals}:
         rows = [signals[name] for signals in residuals.values() if name in signals]
         spread = 1.4826 * float(np.nanmedian(np.abs(np.concatenate(rows))))
-        size = [np.abs(np.nan_to_num(r)) / max(spread, 1e-300) for r in rows]
-        lone = sum(int(np.sum((z[1:-1] > 5) & (z[:-2] < 3) & (z[2:] < 3))) for z in size)
-        shares.append(lone / max(sum(len(z) for z in size), 1))
+        shares.append(sum(int(lone(r, spread).sum()) for r in rows) / max(sum(len(r) for r in rows), 1))
     return max(shares)
+
+
+def lone(residuals: np.ndarray, sigma: float) -> np.ndarray:
+    """Which residuals, shape (n,), lie beyond five standard deviations with neighbours within three.
+
+    What a model lacks shows over several samples.
+    """
+    z = np.pad(np.abs(np.nan_to_num(residuals)) / max(sigma, 1e-300), 1)
+    return (z[1:-1] > 5) & (z[:-2] < 3) & (z[2:] < 3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 from ..errors import choose
 from ..physics.mechanism import Mechanism
@@ -17,6 +18,11 @@ class Loss:
     """Cost r^2 / 2 of a residual r in units of its noise's standard deviation."""
 
     robust = False
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of Gaussian noise, in units of the level that :meth:`sigma` gives it."""
+        return 1.0
 
     def cost(self, r: np.ndarray) -> float:
         """Sum over all residuals."""
@@ -47,6 +53,17 @@ class StudentT(Loss):
 
     robust = True
     nu: float = DEGREES_OF_FREEDOM
+
+    @property
+    def spread(self) -> float:
+        """1 / s with E[(nu + 1) x^2 / (nu s^2 + x^2)] = 1 for Gaussian x of standard deviation 1: 1.20 for nu = 4."""
+        x, weight = np.polynomial.hermite_e.hermegauss(60)
+        weight = weight / weight.sum()
+
+        def excess(s: float) -> float:
+            return float(weight @ ((self.nu + 1) * x**2 / (self.nu * s**2 + x**2))) - 1.0
+
+        return 1 / float(brentq(excess, 0.1, 1.0))
 
     def cost(self, r: np.ndarray) -> float:
         return 0.5 * (self.nu + 1) * float(np.log1p(r**2 / self.nu).sum())

@@ -8,7 +8,7 @@ from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem, maximum_likelihood
 from frictionpinn.identify.likelihood import MOST_WINDOWS, _windows
-from frictionpinn.identify.loss import choose_loss
+from frictionpinn.identify.loss import LOSSES, choose_loss
 from frictionpinn.identify.parallel import in_parallel
 
 
@@ -66,3 +66,9 @@ def test_parallel_work_hands_on_its_error():
         with pytest.raises(ValueError, match="two"):
             in_parallel(fail, np.ones(4))
     assert in_parallel(lambda k: in_parallel(lambda j: j, [1, 1])[1], [1, 1, 1]) == [1, 1, 1]
+
+
+@pytest.mark.parametrize("name", ["gaussian", "robust"])
+def test_a_loss_tells_the_standard_deviation_of_gaussian_noise(name):
+    r, loss = 0.3 * np.random.default_rng(0).standard_normal(20_000), LOSSES[name]
+    assert loss.spread * loss.sigma(r, len(r)) == pytest.approx(0.3, rel=0.02)

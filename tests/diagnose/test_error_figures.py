@@ -1,0 +1,41 @@
+"""Errors before and after, beside the noise floor, with outliers and without."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from frictionpinn.data.noise import GaussianNoise, OutlierNoise
+from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.diagnose.bench import Bench
+from frictionpinn.diagnose.errors import FORCE, compare
+from frictionpinn.diagnose.noise import lone
+from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
+
+TRUTH = {"sigma_0": 2e4, "sigma_1": 150.0, "sigma_2": 2.0, "mu_c": 3.0, "mu_s": 4.0, "v_s": 5e-3}
+TRIALS = [{"duration": 2.0, "force": "5*sin(2*pi*t)"}, {"duration": 2.0, "force": "8*sin(3*pi*t)"}]
+
+
+def errors(noise):
+    system = SYSTEMS["drive"](M=1.0)
+    made = noise(simulate_recording(system, "lugre", TRUTH, TRIALS, 200.0), 0)
+    mechanism = Mechanism(system, LAWS["lugre"]())
+    bench = Bench(mechanism, mechanism, mechanism, made, made.select(()), loss="auto")
+    fit = bench.base()
+    return compare(bench, fit, fit, fit.levels(bench.problem.loss))
+
+
+@pytest.mark.parametrize("noise", [GaussianNoise(0.02), OutlierNoise(0.02, 0.02, 10.0)])
+def test_a_model_that_lacks_nothing_has_the_error_of_the_noise_whether_or_not_there_are_outliers(noise):
+    found = errors(noise)
+    assert ("outliers left out" in found["v"]["quantity"]) == isinstance(noise, OutlierNoise)
+    assert 0.9 < found["v"]["after"] / found["v"]["noise_floor"] < 1.12
+    assert 0.8 < found[FORCE]["after"] / found[FORCE]["noise_floor"] < 1.2
+
+
+def test_only_residuals_that_stand_alone_are_outliers():
+    r = np.zeros(40)
+    r[[0, 20]], r[30:34] = 9.0, 9.0
+    assert np.flatnonzero(lone(r, 1.0)).tolist() == [0, 20]
+    assert not lone(r, 2.0).any()
