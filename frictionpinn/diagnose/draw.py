@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..evaluate.figures import INK
+from ..evaluate.style import INK
 from .diagnosis import FOUND, NOTHING, Diagnosis
 from .errors import FORCE
 from .scan import Scanned

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from ..numerics.simulation import Simulation
 from ..physics import System
 from .characteristics import Characteristics
-from .figures import INK
-from .trajectory import Trajectory, readable
+from .style import INK, readable
+from .trajectory import Trajectory
 from .yardsticks import Candidate
 
 KINDS = {"online": "online", "in_simulation": "in simulation"}

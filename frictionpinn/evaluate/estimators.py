@@ -8,8 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from .figures import INK
-from .trajectory import readable
+from .style import INK, readable
 
 LABELS = {
     "maximum_likelihood": "maximum likelihood",

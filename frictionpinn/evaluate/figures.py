@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 
 from ..data.contact import ContactTrial
 from .force import reference_force
+from .style import INK
 
-INK = {"reference": "#222222", "model": "#d1495b", "baseline": "#8d99ae", "band": "#e8ecf1"}
-INK |= {"observer": "#00798c", "simulator": "#edae49"}
 Forces = Mapping[str, np.ndarray]
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from .draw import KINDS, headline
 from .fidelity import sentences
-from .trajectory import readable
+from .style import readable
 
 _MOTION = ("position_rms", "velocity_rms")
 _CAPTIONS = {

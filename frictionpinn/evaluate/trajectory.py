@@ -15,17 +15,8 @@ from ..numerics.paths import InputPath
 from ..numerics.simulation import ContactLost, Simulation, SimulationFailed
 from ..physics import LAWS, System
 from ..physics.mechanism import Mechanism
+from .style import squared
 from .yardsticks import Candidate
-
-
-def squared(unit: str) -> str:
-    """Unit of a mean square error."""
-    return f"({unit})^2" if "*" in unit else f"{unit}^2"
-
-
-def readable(unit: str) -> str:
-    """Unit as people write it: N*m becomes N m, a square gets its sign."""
-    return unit.replace("*", " ").replace("^2", "²")
 
 
 @dataclass(frozen=True)

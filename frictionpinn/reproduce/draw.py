@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from ..evaluate.figures import INK
-from ..evaluate.trajectory import readable
+from ..evaluate.style import INK, readable
 
 KINDS = {"online": "online", "in_simulation": "in simulation"}
 SWEPT = {

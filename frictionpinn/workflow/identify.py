@@ -15,7 +15,8 @@ import numpy as np
 
 from ..errors import UserError, check_processes, choose
 from ..evaluate.estimators import error_against_time, table
-from ..evaluate.trajectory import Trajectory, simulate, simulation_error, squared
+from ..evaluate.style import squared
+from ..evaluate.trajectory import Trajectory, simulate, simulation_error
 from ..evaluate.yardsticks import Candidate
 from ..identify.result import Estimate, plain
 from ..numerics.simulate import Simulator
