@@ -16,7 +16,7 @@ from .contest import Accepted, Refused, Settings, contest, needed
 from .fit import Fit
 from .refits import searched
 from .remainder import Remainder
-from .restarts import lifted, peaked
+from .restarts import lifted, peaked, widened
 from .scan import Scanned, Tested, scan
 from .tries import add, better, penalised
 
@@ -60,7 +60,7 @@ def select(
         remainders, places: see :func:`frictionpinn.diagnose.scan.scan`.
         settings: thresholds.
     """
-    fit = bench.base()
+    fit = widened(bench, bench.base())
     found = scan(bench, fit, options, remainders, places)
     selection = Selection(fit, fit, found, found)
     while len(selection.accepted) < settings.most:
@@ -126,6 +126,7 @@ def _rescan(
     present = {a.candidate.effect for a in selection.accepted}
     left = [replace(c, hidden=(), grid=({},)) if c.effect in present else c for c in options]
     left = [c for c in left if not taken & set(c.strengths)]
+    selection.fit = widened(bench, selection.fit)
     selection.last = scan(bench, selection.fit, left, remainders, places)
     selection.fit = _reweighted(bench, selection.fit, selection.last)
 

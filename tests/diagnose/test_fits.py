@@ -16,7 +16,7 @@ from frictionpinn.diagnose.candidates import candidates
 from frictionpinn.diagnose.diagnosis import _bench
 from frictionpinn.diagnose.fit import Fit
 from frictionpinn.diagnose.observe import scales, simulations
-from frictionpinn.diagnose.restarts import lifted, peaked
+from frictionpinn.diagnose.restarts import lifted, peaked, widened
 from frictionpinn.diagnose.select import Settings, _beside_vanished
 from frictionpinn.identify.problem import Problem
 from frictionpinn.identify.solve import State
@@ -93,6 +93,35 @@ def test_friction_that_vanished_is_brought_back_as_a_share_of_the_force(made):
     assert lifted(made.problem, made.sizes, TRUTH) is None
     back = lifted(made.problem, made.sizes, TRUTH | {"sigma_2": 1e-9})
     assert back["sigma_2"] > 0.1 and back["mu_c"] == TRUTH["mu_c"]
+
+
+@pytest.mark.parametrize(
+    ("costs", "peak", "width"),
+    [
+        ((100.4, 101.8, 130.0), 0.5, 6.25e-4),  # as likely twice, then not
+        ((102.0,), 0.5, 1e-4),  # told by the data
+        ((100.0, 100.0, 100.0), 0.31, 1e-4),  # no peak is left
+    ],
+)
+def test_a_peak_is_as_wide_as_the_data_allow(made, monkeypatch, costs, peak, width):
+    base, tried = made.base(), []
+    needle = replace(
+        base, values=base.values | {"mu_c": 0.3, "mu_s": 2.0, "v_s": 1e-4}, state=SimpleNamespace(cost=100.0)
+    )
+    monkeypatch.setattr(Fit, "explains", True)
+
+    def refit(fit, names, values, iterations=40):
+        if not iterations:
+            return fit
+        assert "v_s" not in names and values["mu_s"] < fit.values["mu_s"]
+        tried.append(values["v_s"])
+        return replace(fit, values=values | {"mu_s": peak}, state=SimpleNamespace(cost=costs[len(tried) - 1]))
+
+    found = widened(SimpleNamespace(problem=made.problem, refit=refit), needle)
+    assert found.values["v_s"] == pytest.approx(width)
+    assert found.state.cost <= 101.92
+    monkeypatch.setattr(Fit, "explains", False)
+    assert widened(None, needle) is needle
 
 
 def test_a_refit_finds_a_constant_force_of_nothing_where_there_is_none(made):
