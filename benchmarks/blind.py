@@ -20,6 +20,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -119,7 +120,7 @@ NOISES["coloured"] = Coloured(0.05)
 
 def share_of(effect: Effect | str, values: dict[str, float]) -> float:
     """Root mean square of the force that an effect makes along the undisturbed motion, over that of friction."""
-    clean = simulate_recording(SYSTEM, "lugre", TRUTH, TRIALS, RATE_HZ)
+    clean = _undisturbed()
     made = Mechanism(SYSTEM, LAWS["lugre"](), (effect,))
     plain = Mechanism(SYSTEM, LAWS["lugre"]())
     seen, total, size = made._seen, 0.0, 0.0
@@ -181,6 +182,20 @@ def recording(kind: str, seed: int, share: float | None = None) -> tuple[Recordi
     effects, values, noise = draw(kind, seed, share)
     clean = simulate_recording(SYSTEM, "lugre", TRUTH | values, TRIALS, RATE_HZ, effects)
     return NOISES[noise](clean, seed), values
+
+
+@cache
+def _undisturbed() -> Recording:
+    return simulate_recording(SYSTEM, "lugre", TRUTH, TRIALS, RATE_HZ)
+
+
+@cache
+def drawn(seed: int) -> float:
+    """Noise of v that a seed happens to draw in trial 6, over that in the others: what no model can do about it."""
+    clean = _undisturbed()
+    noisy = NOISES["gaussian"](clean, seed)
+    r = [n.signals["v"] - c.signals["v"] for n, c in zip(noisy.trials, clean.trials, strict=True)]
+    return float(np.sqrt(np.mean(r[-1] ** 2) / np.mean(np.concatenate(r[:-1]) ** 2)))
 
 
 def write_csv(made: Recording, path: Path) -> None:

@@ -7,7 +7,7 @@ import sys
 from collections import Counter
 
 import numpy as np
-from blind import FAINT, NAMED, RESULTS, UNNAMED, right
+from blind import FAINT, NAMED, RESULTS, UNNAMED, drawn, right
 from matplotlib.figure import Figure
 
 COMMAND = "python benchmarks/blind.py"
@@ -18,7 +18,7 @@ def report(cases: list[dict], power: bool = False) -> None:
     if power:
         _power(cases)
         return
-    kinds = list(dict.fromkeys(c["kind"] for c in cases))
+    kinds, newest = list(dict.fromkeys(c["kind"] for c in cases)), cases[-1].get("commit")
     lines = [
         f"{COMMAND}: {len(cases)} blind recordings, the pendulum on a box, 5 % noise on all signals,",
         "sizes 3 to 5 % of the friction force; the program was mended on effects of seeds 0 to 13 and on "
@@ -26,21 +26,24 @@ def report(cases: list[dict], power: bool = False) -> None:
         + _ranges({c["seed"] for c in cases})
         + f"; commits {', '.join(sorted({c.get('commit', '') or '?' for c in cases}))}",
         "",
-        f"{'truth':34s} {'right':>9s} {'inside 95 %':>12s} {'after/floor':>12s} {'worst':>6s} {'s':>6s}  answers",
+        f"{'truth':34s} {'right':>9s} {'newest':>8s} {'inside 95 %':>12s} {'after/floor':>12s} {'after/draw':>11s}"
+        f" {'worst':>6s} {'s':>6s}  answers",
     ]
     for kind in kinds:
         own = [c for c in cases if c["kind"] == kind]
-        good = sum(map(right, own))
+        good, late = sum(map(right, own)), [right(c) for c in own if c.get("commit") == newest]
         inside = [v for c in own if right(c) for v in c.get("inside", {}).values()]
         ratio = [c["error"]["after"] / c["error"]["noise_floor"] for c in own if "error" in c]
+        luck = [c["error"]["after"] / c["error"]["noise_floor"] / drawn(c["seed"]) for c in own if "error" in c]
         worst = [max(v for n, v in c["errors"].items() if n != "friction_force") for c in own if "errors" in c]
         seconds = [c["diagnosis_s"] for c in own if "diagnosis_s" in c]
         told = Counter(_answer(c) for c in own)
         answers = ", ".join(f"{n} {a}" for a, n in told.most_common(4))
         lines.append(
-            f"{kind:34s} {good:4d}/{len(own):<4d} {f'{sum(inside)}/{len(inside)}' if inside else '':>12s} "
-            f"{max(ratio, default=np.nan):12.3f} {max(worst, default=np.nan):6.3f} "
-            f"{np.median(seconds) if seconds else np.nan:6.1f}  {answers}"
+            f"{kind:34s} {good:4d}/{len(own):<4d} {f'{sum(late)}/{len(late)}' if late else '':>8s} "
+            f"{f'{sum(inside)}/{len(inside)}' if inside else '':>12s} {max(ratio, default=np.nan):12.3f} "
+            f"{'' if kind[:6] == 'clean ' else format(max(luck, default=np.nan), '.3f'):>11s} "
+            f"{max(worst, default=np.nan):6.3f} {np.median(seconds) if seconds else np.nan:6.1f}  {answers}"
         )
     clean = [c for c in cases if c["kind"].startswith("clean")]
     alarms = sum(not right(c) for c in clean)
@@ -59,7 +62,8 @@ def report(cases: list[dict], power: bool = False) -> None:
         f"time of a diagnosis: median {np.median(took):.0f} s, nine of ten below {np.quantile(took, 0.9):.0f} s, "
         f"longest {max(took):.0f} s",
         "after/floor: held-out error of the slip velocity after, over its noise, largest of all seeds; worst: that of",
-        "any measured signal; s: wall-clock time, of cases side by side where --jobs says so (alone they take less)",
+        "any measured signal; after/draw: over the noise that the seed drew on the held-out trial; newest: with commit "
+        f"{newest}; s: wall-clock time, of cases side by side where --jobs says so (alone they take less)",
     ]
     text = "\n".join(lines) + "\n"
     (RESULTS / "blind.txt").write_text(text)
