@@ -2,36 +2,12 @@
 
 from functools import cache
 
-import numpy as np
-import sympy as sp
+from short_paths import LAW_VALUES, PATHS, T
 
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
-from frictionpinn.physics.system import TIME
-
-LAW_VALUES = {
-    "sigma_0": 1e5,
-    "sigma_1": 316.23,
-    "sigma_2": 0.4,
-    "mu_c": 0.3,
-    "mu_s": 0.6,
-    "v_s": 1e-3,
-    "alpha": 2.0,
-    "v_t": 1e-4,
-    "tied_inertia": 1.0,
-}
-SWING = sp.rad(50) * sp.sin(2 * sp.pi * TIME)
-T = np.arange(161) / 400
-PATHS = {
-    "pob": {"theta": SWING},
-    "sdob": {"y": 0.21 + 0.02 * sp.sin(9 * TIME), "force": 9 * sp.sin(7 * TIME)},
-    "drive": {"force": sp.sin(7 * TIME)},
-    "pendulum": {"tau": 6 * sp.sin(7 * TIME)},
-    "damper": {"x": 0.01 * sp.sin(9 * TIME)},
-}
-ALL = [(system, law) for system in SYSTEMS for law in LAWS]
 
 
 @cache

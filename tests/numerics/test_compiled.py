@@ -7,7 +7,8 @@ import sys
 import time
 
 import numpy as np
-from motions import T, path, simulator, values
+from motions import path, simulator, values
+from short_paths import T
 
 _SCRIPT = """
 import time

@@ -5,7 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import sympy as sp
-from motions import T, path, simulator, values
+from motions import path, simulator, values
+from short_paths import T
 
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulate import SimulationFailed

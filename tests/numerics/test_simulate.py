@@ -5,8 +5,9 @@ import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from motions import ALL, PATHS, SWING, T, path, simulator, values
+from motions import path, simulator, values
 from scipy.integrate import solve_ivp
+from short_paths import ALL, PATHS, SWING, T
 
 from frictionpinn.errors import UserError
 from frictionpinn.numerics.simulate import ContactLost, SimulationFailed, Steps

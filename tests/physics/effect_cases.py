@@ -7,27 +7,16 @@ import functools
 import numpy as np
 import pytest
 import sympy as sp
+from short_paths import ALL, LAW_VALUES, PATHS, T
 
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
 from frictionpinn.physics.effects import applicable
 from frictionpinn.physics.mechanism import Mechanism
-from frictionpinn.physics.system import TIME
 
-LAW = {"sigma_0": 1e5, "sigma_1": 316.23, "sigma_2": 0.4, "mu_c": 0.3, "mu_s": 0.6, "v_s": 1e-3}
-LAW |= {"alpha": 2.0, "v_t": 1e-4}
-INPUTS = {
-    "pob": {"theta": sp.rad(50) * sp.sin(2 * sp.pi * TIME)},
-    "sdob": {"y": 0.21 + 0.02 * sp.sin(9 * TIME), "force": 9 * sp.sin(7 * TIME)},
-    "drive": {"force": sp.sin(7 * TIME)},
-    "pendulum": {"tau": 6 * sp.sin(7 * TIME)},
-    "damper": {"x": 0.01 * sp.sin(9 * TIME)},
-}
-T = np.arange(161) / 400
-PAIRS = [(system, law) for system in SYSTEMS for law in LAWS]
 every_effect = pytest.mark.parametrize("name", EFFECTS)
-every_pair = pytest.mark.parametrize(("system", "law"), PAIRS)
+every_pair = pytest.mark.parametrize(("system", "law"), ALL)
 
 
 def beside(law: str) -> tuple[str, ...]:
@@ -59,7 +48,7 @@ def alone(name: str, system: str, law: str) -> Mechanism | None:
 
 
 def cases(name: str) -> list[tuple[str, str]]:
-    return [pair for pair in PAIRS if alone(name, *pair) is not None]
+    return [pair for pair in ALL if alone(name, *pair) is not None]
 
 
 def strengths(mechanism: Mechanism, name: str) -> list[str]:
@@ -85,7 +74,7 @@ def random_values(mechanism: Mechanism, seed: int) -> dict[str, float]:
     values |= {"z": rng.uniform(-1e-4, 1e-4), "zdot": rng.uniform(-1, 1), "t": rng.uniform(0.1, 2)}
     values |= {"age": rng.uniform(0, 1e-4), "age_dot": rng.uniform(-1, 1)}
     for par in mechanism.parameters:
-        own = system.values.get(par.name, LAW.get(par.name, par.value))
+        own = system.values.get(par.name, LAW_VALUES.get(par.name, par.value))
         values[par.name] = own if par.neutral is not None else own * rng.uniform(0.8, 1.2)
     return values
 
@@ -96,8 +85,8 @@ def simulator(system: str, law: str) -> Simulator:
 
 
 def path(mechanism: Mechanism, t: np.ndarray = T) -> InputPath:
-    return InputPath.from_expressions(mechanism, t, INPUTS[mechanism.system.name])
+    return InputPath.from_expressions(mechanism, t, PATHS[mechanism.system.name])
 
 
 def law_values(law: str) -> dict[str, float]:
-    return {par.name: LAW[par.name] for par in LAWS[law].parameters}
+    return {par.name: LAW_VALUES[par.name] for par in LAWS[law].parameters}

@@ -9,7 +9,6 @@ import pytest
 import sympy as sp
 import yaml
 from effect_cases import (
-    PAIRS,
     alone,
     cases,
     every_effect,
@@ -20,6 +19,7 @@ from effect_cases import (
     random_values,
     strengths,
 )
+from short_paths import ALL
 
 from frictionpinn.data.units import registry
 from frictionpinn.errors import UserError
@@ -64,7 +64,7 @@ def test_an_effect_has_sound_parameters_wherever_it_applies(name):
 
 
 def test_no_two_effects_share_a_strength():
-    for pair in PAIRS:
+    for pair in ALL:
         mechanism = everything(*pair)
         names = [n for e in mechanism.effects for n in strengths(mechanism, e.name)]
         assert len(names) == len(set(names))

@@ -8,7 +8,8 @@ import time
 import numpy as np
 import pytest
 import sympy as sp
-from effect_cases import INPUTS, T, law_values, path, plain, simulator
+from effect_cases import law_values, path, plain, simulator
+from short_paths import PATHS, T
 
 from frictionpinn.numerics.delay import shift_pieces, shift_samples
 from frictionpinn.numerics.paths import InputPath
@@ -108,7 +109,7 @@ def with_effect(system: str, law: str, name: str, **values):
 
 def test_a_delayed_force_gives_the_motion_of_the_shifted_force():
     found, sim = with_effect("drive", "coulomb_viscous", "delay", delay_force=0.0123)
-    late = {"force": INPUTS["drive"]["force"].subs(TIME, TIME - sp.Rational(123, 10000))}
+    late = {"force": PATHS["drive"]["force"].subs(TIME, TIME - sp.Rational(123, 10000))}
     base = Simulator(plain("drive", "coulomb_viscous"))
     expected = base.simulate(T, InputPath.from_expressions(base.mechanism, T, late), law_values("coulomb_viscous"))
     np.testing.assert_allclose(found.signals["v"], expected.signals["v"], atol=2e-3 * np.abs(expected.v).max())
@@ -125,7 +126,7 @@ def test_a_late_sensor_shows_the_past():
 
 def test_a_late_sensor_of_a_driven_coordinate_means_that_the_truth_is_ahead():
     found, _ = with_effect("pob", "lugre", "sensor_delay", sensor_delay_theta_omega_alpha=0.005)
-    ahead = {"theta": INPUTS["pob"]["theta"].subs(TIME, TIME + sp.Rational(5, 1000))}
+    ahead = {"theta": PATHS["pob"]["theta"].subs(TIME, TIME + sp.Rational(5, 1000))}
     base = Simulator(plain("pob", "lugre"))
     expected = base.simulate(T, InputPath.from_expressions(base.mechanism, T, ahead), law_values("lugre"))
     np.testing.assert_allclose(found.N[:-3], expected.N[:-3], atol=1e-6)
