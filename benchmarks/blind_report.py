@@ -22,7 +22,7 @@ def report(cases: list[dict], power: bool = False) -> None:
     lines = [
         f"{COMMAND}: {len(cases)} blind recordings, the pendulum on a box, 5 % noise on all signals,",
         "sizes 3 to 5 % of the friction force; the program was mended on effects of seeds 0 to 13 and on "
-        "com_offset 14, 16 and 22, constant_force 23, 33 and 37 and payload 17 and 27, these are seeds "
+        "com_offset 14, 16 and 22, constant_force 23, 33 and 37 and payload 17, 27 and 30, these are seeds "
         + _ranges({c["seed"] for c in cases})
         + f"; commits {', '.join(sorted({c.get('commit', '') or '?' for c in cases}))}",
         "",

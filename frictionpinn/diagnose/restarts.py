@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..identify.parallel import in_parallel
 from ..identify.problem import Problem
 from ..identify.units import Sizes
 
@@ -19,7 +20,8 @@ LIFT = 0.2  # of the friction force: where a friction that vanished starts anew
 GONE = 1e-2  # of the friction force: Coulomb or viscous friction below it has vanished
 PEAK = 1.2, 2.0  # static over Coulomb friction: gone below, where it starts anew
 SPEEDS = 4  # Stribeck velocities tried
-WIDER, LIKELY = 2.5, 1.92  # step in the Stribeck velocity; log-likelihood that its 95 % interval allows to lose
+WIDER, START = 2.5, 1.3  # step in the Stribeck velocity; static over Coulomb friction at the start there
+LIKELY = 1.92  # log-likelihood that a 95 % interval allows to lose
 
 
 def lifted(problem: Problem, sizes: Sizes, values: Mapping[str, float]) -> dict[str, float] | None:
@@ -67,16 +69,17 @@ def widened(bench: Bench, fit: Fit) -> Fit:
     """
     if not (fit.explains and {"mu_c", "mu_s", "v_s"} <= set(fit.names)):
         return fit
-    best, others = fit, tuple(name for name in fit.names if name != "v_s")
-    high = bench.problem.space.high[bench.problem.space.names.index("v_s")]
-    while (speed := WIDER * best.values["v_s"]) < high:
-        static = best.values["mu_c"] + (best.values["mu_s"] - best.values["mu_c"]) / WIDER
-        held = bench.refit(best, others, best.values | {"v_s": speed, "mu_s": static})
-        if held is None or held.state.cost > fit.state.cost + LIKELY:
-            break
-        if held.values["mu_s"] < PEAK[0] * held.values["mu_c"]:  # gone: its width shows nowhere
-            break
-        best = held
+    others, k = tuple(name for name in fit.names if name != "v_s"), bench.problem.space.names.index("v_s")
+    speeds = [v for v in fit.values["v_s"] * WIDER ** np.arange(1, SPEEDS + 1) if v < bench.problem.space.high[k]]
+
+    def held(k: int) -> Fit | None:
+        start = {"v_s": float(speeds[k]), "mu_s": START * fit.values["mu_c"]}
+        return bench.refit(fit, others, fit.values | start)
+
+    found = [f for f in in_parallel(held, [1.0] * len(speeds)) if f is not None]
+    found = [fit, *(f for f in found if f.values["mu_s"] > PEAK[0] * f.values["mu_c"])]  # none: no width shows
+    least = min(f.state.cost for f in found)
+    best = max((f for f in found if f.state.cost < least + LIKELY), key=lambda f: f.values["v_s"])
     if best is fit:
         return fit
     free = bench.refit(best, fit.names, best.values, iterations=0)

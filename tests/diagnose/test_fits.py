@@ -98,28 +98,27 @@ def test_friction_that_vanished_is_brought_back_as_a_share_of_the_force(made):
 @pytest.mark.parametrize(
     ("costs", "peak", "width"),
     [
-        ((100.4, 101.8, 130.0), 0.5, 6.25e-4),  # as likely twice, then not
-        ((102.0,), 0.5, 1e-4),  # told by the data
-        ((100.0, 100.0, 100.0), 0.31, 1e-4),  # no peak is left
+        ((100.4, 130.0, 101.8, 140.0), 0.5, 1e-4 * 2.5**3),  # as likely, beyond a kink
+        ((101.0, 101.0, 95.0, 96.0), 0.5, 1e-4 * 2.5**4),  # likelier
+        ((101.0, 95.0, 98.0, 99.0), 0.5, 1e-4 * 2.5**2),
+        ((102.0, 103.0, 104.0, 105.0), 0.5, 1e-4),  # told by the data
+        ((100.0, 100.0, 100.0, 100.0), 0.31, 1e-4),  # no peak is left
     ],
 )
 def test_a_peak_is_as_wide_as_the_data_allow(made, monkeypatch, costs, peak, width):
-    base, tried = made.base(), []
-    needle = replace(
-        base, values=base.values | {"mu_c": 0.3, "mu_s": 2.0, "v_s": 1e-4}, state=SimpleNamespace(cost=100.0)
-    )
+    base, state = made.base(), SimpleNamespace(cost=100.0)
+    needle = replace(base, values=base.values | {"mu_c": 0.3, "mu_s": 2.0, "v_s": 1e-4}, state=state)
     monkeypatch.setattr(Fit, "explains", True)
 
     def refit(fit, names, values, iterations=40):
         if not iterations:
             return fit
-        assert "v_s" not in names and values["mu_s"] < fit.values["mu_s"]
-        tried.append(values["v_s"])
-        return replace(fit, values=values | {"mu_s": peak}, state=SimpleNamespace(cost=costs[len(tried) - 1]))
+        assert "v_s" not in names and values["mu_s"] < needle.values["mu_s"]
+        step = round(np.log(values["v_s"] / 1e-4) / np.log(2.5)) - 1
+        return replace(fit, values=values | {"mu_s": peak}, state=SimpleNamespace(cost=costs[step]))
 
     found = widened(SimpleNamespace(problem=made.problem, refit=refit), needle)
     assert found.values["v_s"] == pytest.approx(width)
-    assert found.state.cost <= 101.92
     monkeypatch.setattr(Fit, "explains", False)
     assert widened(None, needle) is needle
 
