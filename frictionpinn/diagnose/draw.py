@@ -13,6 +13,7 @@ from .errors import FORCE
 from .scan import Scanned
 
 MOST_TRIALS, MOST_BARS = 3, 12
+INSTANTS = 200  # at which the evidence so far is drawn
 
 
 def draw(folder: Path, d: Diagnosis) -> list[Path]:
@@ -20,6 +21,8 @@ def draw(folder: Path, d: Diagnosis) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     drawn = {"error": error_figure(d), "residual": residual_figure(d), "tried": tried_figure(d),
              "dependence": dependence_figure(d)}  # fmt: skip
+    if d.accepted:
+        drawn["proof"] = proof_figure(d)
     if d.unexplained is not None:
         drawn["remainder"] = remainder_figure(d)
     paths = []
@@ -34,8 +37,10 @@ def headline(d: Diagnosis) -> str:
     entry = d.errors[d.main]
     change = (f"{entry['quantity']} on {d.scored}: {entry['before']:.3g} {entry['unit']} before, {entry['after']:.3g} "
               f"after, noise {entry['noise_floor']:.3g}")  # fmt: skip
+    if entry.get("outliers_left_out"):
+        change += f" ({entry['outliers_left_out']} outliers left out)"
     if d.verdict == FOUND:
-        return f"Missing: {' and '.join(name_of(d, k) for k in range(len(d.accepted)))}. {change}"
+        return f"Missing: {' and '.join(name_of(d, k) for k in range(len(d.accepted)))}{_gain(d)}. {change}"
     if d.verdict == NOTHING:
         return f"Nothing is missing that this recording could show. {change}"
     rest = d.unexplained
@@ -53,6 +58,14 @@ def name_of(d: Diagnosis, k: int) -> str:
     return own.candidate.name + (f" (or {', '.join(others)}: the data do not tell them apart)" if others else "")
 
 
+def _gain(d: Diagnosis) -> str:
+    """What the held-out trials say of the effects: an rms error with much noise in it hardly moves."""
+    if not d.scored.startswith("held"):
+        return ""
+    total = sum(evidence_so_far(d, k)[1][-1] for k in range(len(d.before.models)))
+    return f" (log-likelihood of trials that no fit saw {total:+.0f})"
+
+
 def _words(d: Diagnosis) -> str:
     return " or ".join((d.unexplained.depends_on if d.unexplained else ())[:3]).replace("_", " ")
 
@@ -68,13 +81,14 @@ def error_figure(d: Diagnosis) -> Figure:
         label = "declared model" if k == 0 else "augmented model"
         bars = axes.barh(place + 0.4 * k, ratio, 0.38, color=color, label=label)
         labels = [f"{d.errors[n][key]:.3g} {d.errors[n]['unit']}" for n in names]
-        axes.bar_label(bars, labels, padding=3, fontsize=8)
+        clear = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.6}  # where the dashed line is near
+        axes.bar_label(bars, labels, padding=4, fontsize=8, bbox=clear)
     axes.axvline(1.0, color=INK["reference"], lw=1, ls="--", label="noise floor")
     axes.set_yticks(place + 0.2, [n.replace("_", " ") for n in names])
     axes.invert_yaxis()
     axes.margins(x=0.2)
     axes.set(xlabel=f"rms error over the noise floor, {d.scored}", title=_short(d))
-    axes.legend(frameon=False, fontsize=8, loc="lower right")
+    figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=3)
     return figure
 
 
@@ -85,6 +99,42 @@ def _short(d: Diagnosis) -> str:
         return "nothing is missing"
     names = "".join(f"{a.candidate.name}, " for a in d.accepted)
     return f"missing: {names}and something that depends on {_words(d)}"
+
+
+def proof_figure(d: Diagnosis) -> Figure:
+    """Log-likelihood that the augmented model gains on the declared one, summed over time and all signals by trial."""
+    figure = Figure(figsize=(8, 3.0), layout="constrained")
+    axes = figure.subplots()
+    total = 0.0
+    for k, model in enumerate(d.before.models):
+        t, gained = evidence_so_far(d, k)
+        total += gained[-1]
+        color = INK["model"] if k == 0 else None
+        axes.plot(t, gained, lw=2, color=color, label=f"trial {model.trial}: {gained[-1]:+.0f}")
+    axes.axhline(0.0, color=INK["reference"], lw=1, ls="--", label="declared model")
+    axes.margins(x=0.02)
+    axes.set(xlabel="time (s)", ylabel="log-likelihood gained",
+             title=f"augmented against declared model, {d.scored}: {total:+.0f}")  # fmt: skip
+    axes.legend(frameon=False, fontsize=8, loc="best", ncols=1 + len(d.before.models) // 6)
+    return figure
+
+
+def evidence_so_far(d: Diagnosis, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times, s, and the log-likelihood that trial ``k`` gains until then, shape (INSTANTS + 1,) each.
+
+    At the declared model's noise levels, which take what it lacks for noise: never too much.
+    """
+    loss, sigmas, t = d.bench.problem.loss, d.before.sigmas, d.before.models[k].t
+    pair = [fit.state.pieces[k].residuals for fit in (d.before, d.after)]
+    edges = np.linspace(0.0, 1.0, INSTANTS + 1)
+    gained = np.zeros(INSTANTS + 1)
+    for name in pair[0]:
+        old, new = (np.nan_to_num(r[name] / sigmas[name]) for r in pair)
+        at = np.round(edges * len(old)).astype(int)
+        for i in range(INSTANTS):
+            part = slice(at[i], at[i + 1])
+            gained[i + 1] += loss.cost(old[part]) - loss.cost(new[part])
+    return t[0] + edges * (t[-1] - t[0]), np.cumsum(gained)
 
 
 def residual_figure(d: Diagnosis) -> Figure:

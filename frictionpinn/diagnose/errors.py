@@ -104,8 +104,9 @@ def compare(bench: Bench, before: Fit, after: Fit, sigmas: Mapping[str, float]) 
         sigmas: noise levels as the loss tells them, SI units.
 
     Returns:
-        signal -> {quantity, unit, before, after, noise_floor}, the friction force that the motion implies last; the
-        force, where it is that which is predicted, with its error relative to the measured one.
+        signal -> {quantity, unit, before, after, noise_floor} and, where there are any, outliers_left_out, a number of
+        samples; the friction force that the motion implies last; the force, where it is that which is predicted, with
+        its error relative to the measured one.
     """
     system = bench.mechanism.system
     units = system.signal_units
@@ -116,9 +117,9 @@ def compare(bench: Bench, before: Fit, after: Fit, sigmas: Mapping[str, float]) 
     for name in old:
         if name in bench.problem.channels.outputs:
             count = sum(int(masks[name].sum()) for masks in without if name in masks)
-            what = f"rms error of {name} in simulation" + (f", {count} outliers left out" if count else "")
-            result[name] = _entry(what, units.get(name, ""), old[name], new[name],
-                                  sigmas.get(name, float("nan")))  # fmt: skip
+            floor, what = sigmas.get(name, float("nan")), f"rms error of {name} in simulation"
+            result[name] = _entry(what, units.get(name, ""), old[name], new[name], floor)
+            result[name] |= {"outliers_left_out": count} if count else {}
     pairs = [implied_force(bench, fit, without) for fit in (before, after)]
     (old_force, old_share), (new_force, new_share) = (force_rms(p) for p in pairs)
     floor = force_floor(bench, after, sigmas)

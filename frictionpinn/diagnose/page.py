@@ -31,13 +31,16 @@ details {margin: 1rem 0}
 {% if r.data.held_out %}held out, seen by no fit: {{ r.data.held_out | join(", ") }}{% else %}no trial could be held
 out: errors are those of the fitted trials{% endif %}. {{ r.declared.outcome | capitalize }}.</p>
 {{ figure("error", "Error of the simulation over the noise, before and after.") }}
+{{ figure("proof", "A line that climbs: second by second the recording speaks for what was added.") }}
 {% if r.effects %}<h2>What was added</h2>
 <table><tr><th>effect</th><th>parameter</th><th>value</th><th>95 % interval</th>
-<th>evidence, log10 of the chance</th><th>not told apart from</th></tr>
+<th>log10 of the chance to see it by luck</th><th>log-likelihood gained on held-out trials</th>
+<th>not told apart from</th></tr>
 {% for e in r.effects %}{% for name, p in e.parameters.items() %}<tr><td>{{ e.name if loop.first }}</td>
 <td>{{ name }}</td><td>{{ number(p.value) }}{{ " " + p.unit if p.unit != "1" }}</td>
 <td>{{ span(p.ci95) }}</td>
 <td>{{ number(e.evidence.log10_p) if loop.first }}</td>
+<td>{{ number(e.evidence.gain_held_out) if loop.first and e.evidence.gain_held_out is defined }}</td>
 <td class="text">{{ e.indistinguishable_from | join(", ") if loop.first }}</td></tr>{% endfor %}{% endfor %}</table>
 {% for e in r.effects %}{% if e.separate %}<p>To tell {{ e.name }} from {{ e.indistinguishable_from | join(", ") }}:
 {{ e.separate }}</p>{% endif %}{% endfor %}{% endif %}
@@ -64,7 +67,8 @@ saved model; no more is known of it than the variable.</p>{% endif %}
 <td>{{ number(p.value) }}</td><td>{{ span(p.ci95) }}</td></tr>{% endfor %}</table>
 <h2>Error before and after, {{ r.error.on }}</h2>
 <table><tr><th>quantity</th><th>before</th><th>after</th><th>noise floor</th></tr>
-{% for e in r.errors.values() %}<tr><td>{{ e.quantity }} ({{ e.unit }})</td><td>{{ number(e.before) }}</td>
+{% for e in r.errors.values() %}<tr><td>{{ e.quantity }} ({{ e.unit }}){{
+", %d outliers left out" | format(e.outliers_left_out) if e.outliers_left_out }}</td><td>{{ number(e.before) }}</td>
 <td>{{ number(e.after) }}</td><td>{{ number(e.noise_floor) }}</td></tr>{% if e.relative %}
 <tr><td>the same, relative</td>
 <td>{{ "%.2f" | format(100 * e.relative.before) }} %</td><td>{{ "%.2f" | format(100 * e.relative.after) }} %</td>

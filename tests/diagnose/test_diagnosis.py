@@ -18,6 +18,7 @@ from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose.augmented import folded, load_augmented, save_augmented
 from frictionpinn.diagnose.diagnosis import diagnose
+from frictionpinn.diagnose.draw import evidence_so_far, headline
 from frictionpinn.errors import UserError
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.physics import LAWS, SYSTEMS
@@ -66,6 +67,10 @@ def test_an_undeclared_constant_force_is_named_measured_and_proved():
     entry = d.errors[d.main]
     assert entry["after"] < 1.1 * entry["noise_floor"] and entry["after"] < entry["before"]
     assert found.evidence["gain_held_out"] > 0
+    t, gained = evidence_so_far(d, 0)
+    assert gained[0] == 0 and gained[-1] == pytest.approx(found.evidence["gain_held_out"], rel=0.1)
+    assert (t[0], t[-1]) == (d.before.models[0].t[0], d.before.models[0].t[-1])
+    assert f"trials that no fit saw {gained[-1]:+.0f}" in headline(d)
 
 
 def test_nothing_is_found_where_nothing_is_missing():
@@ -106,7 +111,7 @@ def test_the_command_reads_a_file_and_writes_what_it_promises(tmp_path):
     assert all({"name", "why"} == set(entry) for entry in result["refused"])
     assert "Missing: asymmetric_viscous" in done.stdout
     page = (folder / "report.html").read_text()
-    assert "<math" in page and page.count("data:image/png") >= 4 and "http" not in page.replace("http://www.w3", "")
+    assert "<math" in page and page.count("data:image/png") == 5 and "http" not in page.replace("http://www.w3", "")
     mechanism, values = load_augmented(folder / "augmented.yaml")
     t = np.arange(300) / 300.0
     run = Simulator(mechanism).simulate(t, {"force": 5 * np.sin(6 * t)}, values)
