@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -72,9 +73,9 @@ def _words(d: Diagnosis) -> str:
 
 def error_figure(d: Diagnosis) -> Figure:
     """Error over the noise floor, before and after, of every signal."""
-    figure = Figure(figsize=(8, 3.2), layout="constrained")
-    axes = figure.subplots()
     names = list(d.errors)
+    figure = Figure(figsize=(8, 1.6 + 0.45 * len(names)), layout="constrained")
+    axes = figure.subplots()
     place = np.arange(len(names))
     for k, (key, color) in enumerate((("before", INK["baseline"]), ("after", INK["model"]))):
         ratio = [d.errors[n][key] / max(d.errors[n]["noise_floor"], 1e-300) for n in names]
@@ -87,7 +88,8 @@ def error_figure(d: Diagnosis) -> Figure:
     axes.set_yticks(place + 0.2, [n.replace("_", " ") for n in names])
     axes.invert_yaxis()
     axes.margins(x=0.2)
-    axes.set(xlabel=f"rms error over the noise floor, {d.scored}", title=_short(d))
+    axes.set_xlabel(f"rms error over the noise floor, {d.scored}")
+    axes.set_title(textwrap.fill(_short(d), 80), fontsize=11)
     figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=3)
     return figure
 
@@ -225,7 +227,8 @@ def remainder_figure(d: Diagnosis) -> Figure:
              "acceleration": f"{system.slip_unit}/s^2", "normal_force": "N", **system.signal_units}  # fmt: skip
     what = f"force ({rest.unit})" if rest.kind == "force" else "share of dry friction"
     name = rest.depends_on[0]
-    axes.set(xlabel=f"{name.replace('_', ' ')} ({units.get(name, '')})", ylabel=what,
-             title=f"no name fits: depends on {_words(d)}" + (f"\n{rest.formula}" if rest.formula else ""))  # fmt: skip
+    axes.set(xlabel=f"{name.replace('_', ' ')} ({units.get(name, '')})", ylabel=what)
+    lines = (f"no name fits: depends on {_words(d)}", rest.formula or "")
+    axes.set_title("\n".join(textwrap.fill(line, 75) for line in lines if line), fontsize=11)
     axes.legend(frameon=False, fontsize=8)
     return figure
