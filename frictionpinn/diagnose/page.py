@@ -9,6 +9,7 @@ from typing import Any
 
 import sympy as sp
 from jinja2 import Environment
+from sympy.core.alphabets import greeks
 
 from ..physics.base import CONTACT
 from ..physics.mechanism import Mechanism
@@ -18,10 +19,11 @@ _PAGE = """<!DOCTYPE html>
 body {font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222}
 table {border-collapse: collapse; margin: 1rem 0; width: 100%}
 th, td {padding: .3rem .7rem; text-align: right; border-bottom: 1px solid #ddd; font-variant-numeric: tabular-nums}
-th:first-child, td:first-child {text-align: left} td.text {text-align: left}
+th:first-child, td:first-child, .text {text-align: left !important}
 img {max-width: 100%} figcaption, p.note {color: #555; font-size: .9rem} figure {margin: 2rem 0}
 .verdict {border-left: 6px solid {{ color }}; padding: .6rem 1rem; background: #f5f6f8; font-size: 1.15rem}
-math {font-size: 1.2rem} pre {background: #f5f6f8; padding: .6rem; overflow-x: auto; font-size: .8rem}
+math {font-size: 1.2rem} .equation {overflow-x: auto}
+pre {background: #f5f6f8; padding: .6rem; overflow-x: auto; font-size: .8rem}
 details {margin: 1rem 0}
 </style></head><body>
 <h1>{{ r.verdict | capitalize }}</h1>
@@ -35,7 +37,7 @@ out: errors are those of the fitted trials{% endif %}. {{ r.declared.outcome | c
 {% if r.effects %}<h2>What was added</h2>
 <table><tr><th>effect</th><th>parameter</th><th>value</th><th>95 % interval</th>
 <th>log10 of the chance to see it by luck</th><th>log-likelihood gained on held-out trials</th>
-<th>not told apart from</th></tr>
+<th class="text">not told apart from</th></tr>
 {% for e in r.effects %}{% for name, p in e.parameters.items() %}<tr><td>{{ e.name if loop.first }}</td>
 <td>{{ name }}</td><td>{{ number(p.value) }}{{ " " + p.unit if p.unit != "1" }}</td>
 <td>{{ span(p.ci95) }}</td>
@@ -48,7 +50,8 @@ out: errors are those of the fitted trials{% endif %}. {{ r.declared.outcome | c
 <p>It depends on {{ r.unexplained.depends_on | join(" or ") | replace("_", " ") }}{% if
 r.unexplained.share is not none %}, which explains {{ "%.0f" | format(100 * r.unexplained.share) }} %
 of the remainder on the held-out trials{% endif %}{% if
-r.unexplained.formula %}; in short: {{ r.unexplained.formula }} {{ r.unexplained.unit }}{% endif %}.</p>
+r.unexplained.formula %}; in short: {{ r.unexplained.formula }}{{
+" of the dry friction" if r.unexplained.unit == "1" else " " + r.unexplained.unit }}{% endif %}.</p>
 {% if r.unexplained.network %}<p>A network of {{ r.unexplained.network.depends_on | replace("_", " ") }} in its place,
 trained together with all parameters: {{ r.unexplained.network.error.quantity }}
 {{ number(r.unexplained.network.error.before) }} before, {{ number(r.unexplained.network.error.after) }} after,
@@ -56,7 +59,7 @@ trained together with all parameters: {{ r.unexplained.network.error.quantity }}
 saved model; no more is known of it than the variable.</p>{% endif %}
 {{ figure("remainder", "The remainder over the variable that explains most of it.") }}{% endif %}
 <h2>The friction force</h2>
-{{ mathml }}
+<div class="equation">{{ mathml }}</div>
 <details><summary>LaTeX</summary><pre>{{ r.equation | e }}</pre></details>
 <h2>Parameters before and after</h2>
 <table><tr><th>parameter</th><th>declared model</th><th>95 % interval</th><th>augmented model</th>
@@ -78,13 +81,14 @@ saved model; no more is known of it than the variable.</p>{% endif %}
 <h2>What was tried</h2>
 {{ figure("tried", "Score tests at the declared model, every value of hidden parameters that was tried counted.") }}
 <details open><summary>{{ r.refused | length }} candidates refused, and why</summary>
-<table><tr><th>candidate</th><th>why</th></tr>
+<table><tr><th>candidate</th><th class="text">why</th></tr>
 {% for c in r.refused %}<tr><td>{{ c.name }}</td><td class="text">{{ c.why }}</td></tr>{% endfor %}</table></details>
 <p class="note">Noise: {% for name, s in r.noise.items() %}{{ name }} {{ number(s.value) }} {{ s.unit }}{{ ", " if not
 loop.last }}{% endfor %}{% if r.coloured %}; correlated in time: {{ r.coloured | join(", ") }}{% endif %}.
 Loss: {{ r.loss }}. {{ "%.0f" | format(r.seconds) }} s.</p>
 </body></html>
 """
+SHORT = {*greeks, "zdot"}  # first parts of names that are letters
 _COLORS = {"effect found": "#d1495b", "nothing missing": "#2a9d8f", "unexplained": "#e9a03b"}
 
 
@@ -126,6 +130,18 @@ def equation(mechanism: Mechanism) -> sp.Eq:
     short = {CONTACT.v: sp.Symbol("v"), CONTACT.zdot: sp.Symbol("zdot"), CONTACT.s: sp.Symbol("s"),
              CONTACT.a: sp.Symbol("a")}  # fmt: skip
     return sp.Eq(sp.Symbol("F"), force.xreplace(short), evaluate=False)
+
+
+def in_latex(e: sp.Eq) -> str:
+    """LaTeX, names that are words upright and whole: low_speed is no product, and no l with an index."""
+    words = {s: s.name for s in e.free_symbols if len(first := s.name.split("_")[0]) > 1 and first not in SHORT}
+    names = {s: rf"\mathrm{{{name}}}".replace("_", r"\_") for s, name in words.items()}
+    return sp.latex(e, mul_symbol="dot", symbol_names=names)
+
+
+def in_mathml(e: sp.Eq) -> str:
+    """A block of MathML."""
+    return f'<math display="block">{sp.mathml(e, printer="presentation", mul_symbol="dot")}</math>'
 
 
 def rate_equation(mechanism: Mechanism) -> sp.Eq | None:

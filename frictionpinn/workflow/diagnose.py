@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import sympy as sp
 
 from ..data.recording import Recording, Trial
 from ..data.split import split_trials
@@ -17,7 +16,7 @@ from ..diagnose.augmented import save_augmented
 from ..diagnose.diagnosis import Diagnosis
 from ..diagnose.diagnosis import diagnose as run_diagnosis
 from ..diagnose.draw import draw, headline
-from ..diagnose.page import equation, rate_equation, span, write_page
+from ..diagnose.page import equation, in_latex, in_mathml, rate_equation, span, write_page
 from ..diagnose.select import Settings
 from ..errors import UserError, choose
 from ..identify.result import plain
@@ -82,11 +81,11 @@ def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out:
         "config": cfg,
     }  # fmt: skip
     equations = [e for e in (equation(augmented), rate_equation(augmented)) if e is not None]
-    result["equation"] = "\n".join(sp.latex(e) for e in equations)
+    result["equation"] = "\n".join(in_latex(e) for e in equations)
     paths = draw(folder / "figures", d)
     result["figures"] = [str(p.relative_to(folder)) for p in paths]
     write_json(folder / "result.json", result)
-    mathml = "<br>".join(_mathml(e) for e in equations)
+    mathml = "<br>".join(in_mathml(e) for e in equations)
     page = write_page(folder / "report.html", result, headline(d), mathml, paths)
     dashboard(folder / "tensorboard", d, result, paths)
     log.info(headline(d))
@@ -101,10 +100,6 @@ def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out:
         )
     log.info(f"result.json, figures, the augmented model and the page {page.name} are in {folder}")
     return result
-
-
-def _mathml(e: sp.Eq) -> str:
-    return f'<math display="block">{sp.mathml(e, printer="presentation")}</math>'
 
 
 def as_dict(d: Diagnosis) -> dict[str, Any]:
