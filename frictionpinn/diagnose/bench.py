@@ -12,15 +12,15 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..identify.explore import moved
-from ..identify.likelihood import find_start, maximum_likelihood, with_bristle
+from ..identify.likelihood import find_start, maximum_likelihood
 from ..identify.problem import Problem, in_parallel
 from ..identify.result import FAILED
-from ..identify.solve import Evaluate, State, levenberg_marquardt, reduced
+from ..identify.solve import Evaluate, levenberg_marquardt, reduced
 from ..identify.space import Space
 from ..identify.start import default_bounds
 from ..identify.trial import TrialModel
 from ..identify.units import Sizes
-from ..numerics.simulate import ContactLost, Simulation, SimulationFailed, Simulator
+from ..numerics.simulate import Simulation, Simulator
 from ..physics.mechanism import Mechanism
 from .declared import fit_declared
 from .fit import Fit
@@ -34,7 +34,7 @@ REFIT: dict[str, Any] = {"iterations": 40, "decrease": 0.05}
 
 
 class Bench:
-    """Fits of one mechanism with any of its effects to some trials, and checks on others.
+    """Fits of one mechanism with any of its effects to some trials; others are kept to check them on.
 
     Args:
         mechanism: as declared.
@@ -88,14 +88,14 @@ class Bench:
         """The declared model as fitted, on the mechanism that holds the effects at their neutral values."""
         details = self.estimate.details
         values = self._complete(self.problem.values(details["state"].u))
-        models = self._equipped(details["models"], self.parts.of(self.declared, values))
+        models = self.equipped(details["models"], self.parts.of(self.declared, values))
         state = details["state"]
         locals_ = tuple(
             _longer(x, old, new) for x, old, new in zip(state.locals, details["models"], models, strict=True)
         )
         return Fit(self.declared, values, models, replace(state, locals=locals_), dict(self.estimate.sigmas))
 
-    def _equipped(self, models: Sequence[TrialModel], simulator: Simulator) -> tuple[TrialModel, ...]:
+    def equipped(self, models: Sequence[TrialModel], simulator: Simulator) -> tuple[TrialModel, ...]:
         """Models on a mechanism with effects; where one brings a bristle, its initial state is unknown as well."""
         if self.mechanism.memory or not self.tested.memory:
             return tuple(replace(model, simulator=simulator) for model in models)
@@ -109,7 +109,7 @@ class Bench:
     def _complete(self, values: Mapping[str, float]) -> dict[str, float]:
         return {k: float(v) for k, v in (self.defaults | dict(values)).items() if v is not None}
 
-    def _problem(
+    def problem_of(
         self,
         problem: Problem,
         names: Sequence[str],
@@ -164,7 +164,7 @@ class Bench:
         probing = fit.models[0].simulator is self.probe
         simulator = self.probe if probing else self.parts.of(names, values)
         models = tuple(replace(model, simulator=simulator) for model in fit.models)
-        problem = self._problem(self.problem, names, values, simulator, limits)
+        problem = self.problem_of(self.problem, names, values, simulator, limits)
         evaluate = self._evaluator(problem, models, sigmas)
         first = evaluate(problem.space.to_search(np.array([values[name] for name in problem.names])), fit.locals, True)
         if first is None:
@@ -190,7 +190,7 @@ class Bench:
         """
         if not fit.state.curved:
             return replace(fit, values=fit.values | dict.fromkeys(gone, 0.0))
-        space = self._problem(self.problem, fit.names, fit.values, fit.models[0].simulator).space
+        space = self.problem_of(self.problem, fit.names, fit.values, fit.models[0].simulator).space
         out = np.array([name in gone or name in held for name in fit.names])
         step = np.where([name in gone for name in fit.names], -fit.state.u, 0.0)  # zero is zero in the search as well
         S = reduced(fit.state)[0]
@@ -229,8 +229,8 @@ class Bench:
 
     def _anew(self, fit: Fit) -> Fit | None:
         simulator = self.parts.of(fit.names, fit.values)
-        problem = self._problem(self.problem, fit.names, fit.values, simulator)
-        problem.trials = self._equipped(problem.trials, simulator)
+        problem = self.problem_of(self.problem, fit.names, fit.values, simulator)
+        problem.trials = self.equipped(problem.trials, simulator)
         problem.motions = [
             replace(motion, model=replace(motion.model, simulator=simulator)) for motion in problem.motions
         ]
@@ -244,34 +244,6 @@ class Bench:
         values = problem.values(details["state"].u)
         found = Fit(problem.names, values, details["models"], details["state"], dict(fit.sigmas))
         return replace(found, minima=details["minima"], searched=True)
-
-    def check(self, fit: Fit) -> Fit | None:
-        """The held-out trials with the fit's parameters: only their own unknowns are estimated."""
-        found = self.checking(fit)
-        if found is None:
-            return None
-        _, models, first, evaluate = found
-        solution = levenberg_marquardt(evaluate, first, (first.u, first.u), **REFIT)
-        return Fit(fit.names, fit.values, models, solution.state, fit.sigmas)
-
-    def checking(self, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], State, Evaluate] | None:
-        """The held-out trials at the fit's parameters: their problem, models, first state, and how it is evaluated.
-
-        None without such trials, or where they cannot be simulated.
-        """
-        if self.checked is None:
-            return None
-        simulator = fit.models[0].simulator
-        problem = self._problem(self.checked, fit.names, fit.values, simulator)
-        models = self._equipped(self.checked.trials, simulator)
-        u = problem.space.to_search(np.array([fit.values[name] for name in problem.names]))
-        bristle = _with_bristle(problem, models, u)
-
-        def evaluate(u, locals_, derivatives, **options):
-            return problem.evaluate(bristle, u, locals_, derivatives, sigmas=fit.sigmas, **options)
-
-        first = evaluate(u, [model.local[: model.size(problem.joint)] for model in bristle], True)
-        return None if first is None else (problem, bristle, first, evaluate)
 
     def simulate(self, fit: Fit, strict: bool = False) -> list[Simulation]:
         """Every trial at the fit; ``strict`` with every candidate, where sensitivities to any are to be added."""
@@ -288,14 +260,3 @@ def _longer(local: np.ndarray, old: TrialModel, new: TrialModel) -> np.ndarray:
     n = len(old.states)
     added = [new.start[name] for name in new.states[n:]]
     return np.concatenate([local[:n], added, local[n:]])
-
-
-def _with_bristle(problem: Problem, models: Sequence[TrialModel], u: np.ndarray) -> tuple[TrialModel, ...]:
-    if not problem.mechanism.law.memory:
-        return tuple(models)
-    other = copy.copy(problem)
-    other.trials = tuple(models)
-    try:
-        return with_bristle(other, u)
-    except (ContactLost, SimulationFailed):
-        return tuple(models)

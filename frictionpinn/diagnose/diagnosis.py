@@ -18,6 +18,7 @@ from .bench import Bench
 from .candidates import Candidate, candidates, effects_for
 from .errors import compare, main_signal
 from .fit import Fit
+from .held_out import check
 from .network import Network, train_network
 from .observe import ranges, scales, simulations
 from .remainder import Remainder, places, remainders
@@ -127,7 +128,7 @@ def diagnose(
     fallback = None
     if rest is not None and network:
         fallback = train_network(bench, fit, scanned.remaining, probes, where, scanned.sigmas)
-    before, after = bench.check(base), bench.check(fit)
+    before, after = check(bench, base), check(bench, fit)
     scored = "held-out trials"
     if before is None or after is None:
         before, after, scored = base, fit, "fitted trials"
@@ -182,7 +183,7 @@ def _mostly(bench: Bench, selection: Selection) -> bool:
 
     Names that leave a good part to be explained are not the names of it.
     """
-    pairs = [bench.check(fit) or fit for fit in (selection.base, selection.fit)]
+    pairs = [check(bench, fit) or fit for fit in (selection.base, selection.fit)]
     errors = compare(bench, pairs[0], pairs[1], selection.last.sigmas)
     entry = errors[main_signal(bench.mechanism.system, errors)]
     before, after, floor = (entry[key] ** 2 for key in ("before", "after", "noise_floor"))

@@ -2,17 +2,51 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..identify.explore import explore
+from ..identify.likelihood import with_bristle
 from ..identify.parallel import in_parallel
-from ..identify.solve import FAINT, State, levenberg_marquardt, reduced
-from ..identify.trial import Piece
+from ..identify.problem import Problem
+from ..identify.solve import FAINT, Evaluate, State, levenberg_marquardt, reduced
+from ..identify.trial import Piece, TrialModel
+from ..numerics.simulate import ContactLost, SimulationFailed
 from .bench import REFIT, Bench
 from .fit import Fit
+
+
+def check(bench: Bench, fit: Fit) -> Fit | None:
+    """The held-out trials with the fit's parameters: only their own unknowns are estimated."""
+    found = checking(bench, fit)
+    if found is None:
+        return None
+    _, models, first, evaluate = found
+    solution = levenberg_marquardt(evaluate, first, (first.u, first.u), **REFIT)
+    return Fit(fit.names, fit.values, models, solution.state, fit.sigmas)
+
+
+def checking(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], State, Evaluate] | None:
+    """The held-out trials at the fit's parameters: their problem, models, first state, and how it is evaluated.
+
+    None without such trials, or where they cannot be simulated.
+    """
+    if bench.checked is None:
+        return None
+    simulator = fit.models[0].simulator
+    problem = bench.problem_of(bench.checked, fit.names, fit.values, simulator)
+    models = bench.equipped(bench.checked.trials, simulator)
+    u = problem.space.to_search(np.array([fit.values[name] for name in problem.names]))
+    bristle = _with_bristle(problem, models, u)
+
+    def evaluate(u, locals_, derivatives, **options):
+        return problem.evaluate(bristle, u, locals_, derivatives, sigmas=fit.sigmas, **options)
+
+    first = evaluate(u, [model.local[: model.size(problem.joint)] for model in bristle], True)
+    return None if first is None else (problem, bristle, first, evaluate)
 
 
 def held_out_gain(bench: Bench, before: Fit, after: Fit, enough: float) -> float | None:
@@ -26,7 +60,7 @@ def held_out_gain(bench: Bench, before: Fit, after: Fit, enough: float) -> float
         return None
     after = replace(after, sigmas=before.sigmas)
     both = before, after
-    old, new = in_parallel(lambda k: bench.check(both[k]), [1.0, 1.0])
+    old, new = in_parallel(lambda k: check(bench, both[k]), [1.0, 1.0])
     if old is None or new is None:
         return None if new is not None else -np.inf
     gain = old.state.cost - new.state.cost
@@ -60,7 +94,7 @@ def surprise(bench: Bench, fit: Fit) -> float | None:
     approximation is min_u C(u) + (u - u_fit)' S (u - u_fit) / 2, plus half of log det (C'' + S) / det S. None without
     such trials, or where they cannot be simulated.
     """
-    found = bench.checking(fit) if fit.state.curved else None
+    found = checking(bench, fit) if fit.state.curved else None
     if found is None:
         return None
     problem, _, first, plain = found
@@ -85,3 +119,14 @@ def _known(state: State, S: np.ndarray, at: np.ndarray) -> State:
     d = state.u - at
     piece = Piece(0.5 * float(d @ S @ d), {}, gg=S, gl=np.zeros((len(d), 0)), grad_g=S @ d)
     return State(state.u, (*state.locals, np.zeros(0)), (*state.pieces, piece))
+
+
+def _with_bristle(problem: Problem, models: Sequence[TrialModel], u: np.ndarray) -> tuple[TrialModel, ...]:
+    if not problem.mechanism.law.memory:
+        return tuple(models)
+    other = copy.copy(problem)
+    other.trials = tuple(models)
+    try:
+        return with_bristle(other, u)
+    except (ContactLost, SimulationFailed):
+        return tuple(models)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from .bench import Bench
 from .errors import compare
 from .fit import Fit
+from .held_out import check
 from .remainder import BUMPS, Remainder
 from .scan import Remaining
 
@@ -65,7 +66,7 @@ def train_network(
     found = min((f for f in tried if f is not None), key=lambda f: f.state.cost, default=None)
     if found is None:
         return None
-    before, after = bench.check(start), bench.check(found)
+    before, after = check(bench, start), check(bench, found)
     pair = (start, found) if before is None or after is None else (before, after)
     own = {name: found.values[name] for name in (*names, *effect.place)}
     return Network(effect, best.kind, own, found, compare(bench, *pair, dict(sigmas)))

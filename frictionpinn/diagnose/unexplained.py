@@ -10,6 +10,7 @@ from sklearn.linear_model import OrthogonalMatchingPursuit
 
 from .bench import Bench
 from .fit import Fit
+from .held_out import check
 from .remainder import BUMPS, Remainder
 from .rows import linearise
 from .scan import Remaining
@@ -79,7 +80,7 @@ def describe(
 
 def explained_share(bench: Bench, fit: Fit, found: Remaining, places: dict[str, float]) -> float:
     """Share of the held-out residual beyond noise that the remainder, estimated on the fitted trials, explains."""
-    checked = bench.check(fit)
+    checked = check(bench, fit)
     if checked is None:
         return float("nan")
     names = tuple(f"{found.kind}_{found.variable}_{k}" for k in range(BUMPS))

@@ -135,7 +135,7 @@ def test_what_stays_moves_to_the_minimum_of_the_quadratic_model_without_what_goe
     piece = SimpleNamespace(gg=S, grad_g=np.zeros(3), grad_l=np.zeros(0))
     names, u = ("mu_c", "drag", "shape"), np.array([0.5, 0.2, 0.3])
     space = SimpleNamespace(limits=(np.full(3, -9.0), np.full(3, 9.0)), to_values=lambda u: u)
-    stub = SimpleNamespace(_problem=lambda *a: SimpleNamespace(space=space), problem=None)
+    stub = SimpleNamespace(problem_of=lambda *a: SimpleNamespace(space=space), problem=None)
     fit = Fit(
         names, dict(zip(names, u, strict=True)), (SimpleNamespace(simulator=None),), State(u, (u[:0],), (piece,)), {}
     )

@@ -10,7 +10,7 @@ from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.fit import Fit
-from frictionpinn.diagnose.held_out import compared_gains, held_out_gain, surprise
+from frictionpinn.diagnose.held_out import check, compared_gains, held_out_gain, surprise
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
@@ -42,9 +42,9 @@ def off(fit: Fit, name: str, factor: float, known: bool) -> Fit:
 
 def test_what_the_fitted_trials_leave_open_is_left_to_the_held_out_ones(bench):
     fit = bench.base()
-    plain = bench.check(fit).state.cost
+    plain = check(bench, fit).state.cost
     wrong = off(fit, "sigma_2", 1.5, known=False)
-    assert bench.check(wrong).state.cost > plain + 50
+    assert check(bench, wrong).state.cost > plain + 50
     assert surprise(bench, wrong) < surprise(bench, fit) + 15  # the price of one unknown more
 
 
@@ -56,7 +56,7 @@ def test_what_the_fitted_trials_tell_is_held_against_the_fit(bench):
 def test_a_gain_is_that_of_the_parameters_as_fitted_where_it_is_enough(bench):
     fit = bench.base()
     wrong = off(fit, "sigma_2", 1.5, known=True)
-    plain = bench.check(wrong).state.cost - bench.check(fit).state.cost
+    plain = check(bench, wrong).state.cost - check(bench, fit).state.cost
     assert held_out_gain(bench, wrong, fit, 1.0) == pytest.approx(plain)
     assert held_out_gain(bench, fit, wrong, 1.0) < -50
     assert held_out_gain(bench, fit, off(fit, "sigma_2", 1.5, known=False), 1.0) > -15
