@@ -23,6 +23,8 @@ USUAL = (
     "spring_force",
     "delay",
 )
+# They bend the law's own Stribeck curve: what has a curve of its own may hide in that.
+BENDS = ("stribeck_shape",)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..identify.parallel import in_parallel
 from .bench import Bench
+from .candidates import BENDS
 from .fit import Fit
 from .rivals import Contender, best_of, levelled, moved
 from .scan import Tested
@@ -42,7 +43,8 @@ def refitted(
         bench, before: where they are refitted.
         classes: candidates that the score tests cannot tell apart; what is refitted by itself gets a class of its own.
         others: candidates to try where none of these explains the residual.
-        beside: tells candidates that show only beside a friction that had vanished; asked if none of these explains it.
+        beside: tells candidates that show only beside a friction that had vanished; asked if none of these explains it,
+            or what does bends the curve of the friction that is left.
     """
     fits: list[Contender] = []
     left = [group[0] for group in _promising_first(bench, before, classes)]
@@ -50,7 +52,7 @@ def refitted(
         fits += _added(bench, before, left.pop(0), fits)
     rest = in_parallel(lambda k: _added(bench, before, left[k], fits), [1.0] * len(left))
     fits += [pair for found in rest for pair in found]
-    for tested in [] if _explained(fits) else beside():
+    for tested in [] if _explained(fits) and best_of(fits)[0].candidate.effect not in BENDS else beside():
         classes.append([tested])
         fits += _added(bench, before, tested, fits)
     fits = _best_of_each(fits)

@@ -195,15 +195,17 @@ def test_a_fit_that_was_searched_already_is_only_tried_with_its_static_friction_
     assert Bench.search(stub, searched) is None
 
 
-@pytest.mark.parametrize(("correlation", "asked"), [(1.0, False), (20.0, True)])
-def test_candidates_beside_a_friction_that_vanished_are_asked_for_only_where_no_other_explains(
-    tries, correlation, asked
+@pytest.mark.parametrize(
+    ("first", "correlation", "asked"), [("drag", 1.0, False), ("drag", 20.0, True), ("stribeck_shape", 1.0, True)]
+)
+def test_candidates_beside_a_friction_that_vanished_are_asked_for_where_none_explains_or_it_bends_what_is_left(
+    tries, first, correlation, asked
 ):
-    tries.found = {"drag": fit(100, correlation), "low_speed": fit(50, 1.0)}
+    tries.found = {first: fit(100, correlation), "low_speed": fit(50, 1.0)}
     hidden = option("low_speed", 1)
     hidden.beside = {"mu_s": 0.6}
-    found = refitted(tries.bench, fit(1000), [[option("drag")]], (), lambda: [hidden])
-    assert names(found) == (["low_speed", "drag"] if asked else ["drag"])
+    found = refitted(tries.bench, fit(1000), [[option(first)]], (), lambda: [hidden])
+    assert names(found) == (["low_speed", first] if asked else [first])
 
 
 def test_a_fit_that_explains_but_stopped_short_starts_from_the_unknowns_of_the_best(tries):
