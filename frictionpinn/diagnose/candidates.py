@@ -23,8 +23,6 @@ USUAL = (
     "spring_force",
     "delay",
 )
-# They bend the law's own Stribeck curve: what has a curve of its own may hide in that.
-BENDS = ("stribeck_shape",)
 
 
 @dataclass(frozen=True)
@@ -37,6 +35,7 @@ class Candidate:
         strengths: parameters that are neutral as declared.
         hidden: parameters that shape the effect and are estimated with it.
         grid: values of those to try, SI units; one empty table where there are none.
+        bends: see :class:`frictionpinn.physics.effect.Effect`.
     """
 
     effect: str
@@ -44,6 +43,7 @@ class Candidate:
     strengths: tuple[str, ...]
     hidden: tuple[str, ...] = ()
     grid: tuple[Mapping[str, float], ...] = field(default=({},))
+    bends: bool = False
 
     @property
     def name(self) -> str:
@@ -81,5 +81,5 @@ def candidates(
             axes = [[(par.name, float(v)) for v in par.scan.values(scales)] for par in hidden if par.scan]
             grid = tuple(dict(point) for point in itertools.product(*axes))
             free = tuple(par.name for par in hidden if par.scan and par.scan.count > 1)
-            result.append(Candidate(effect.name, group, strengths, free, grid))
+            result.append(Candidate(effect.name, group, strengths, free, grid, effect.bends))
     return tuple(result)

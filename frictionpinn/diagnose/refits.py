@@ -10,7 +10,6 @@ import numpy as np
 
 from ..identify.parallel import in_parallel
 from .bench import Bench
-from .candidates import BENDS
 from .fit import Fit
 from .rivals import Contender, best_of, levelled, moved
 from .scan import Tested
@@ -52,7 +51,7 @@ def refitted(
         fits += _added(bench, before, left.pop(0), fits)
     rest = in_parallel(lambda k: _added(bench, before, left[k], fits), [1.0] * len(left))
     fits += [pair for found in rest for pair in found]
-    for tested in [] if _explained(fits) and best_of(fits)[0].candidate.effect not in BENDS else beside():
+    for tested in [] if _explained(fits) and not best_of(fits)[0].candidate.bends else beside():
         classes.append([tested])
         fits += _added(bench, before, tested, fits)
     fits = _best_of_each(fits)

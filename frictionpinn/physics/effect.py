@@ -46,6 +46,7 @@ class Effect:
         signed: uses :func:`direction`, the regularised sign of the slip velocity.
         memory: brings a bristle state to a law without one, see :meth:`bristle_rate`.
         states: further states, see :meth:`state_rates`.
+        bends: only bends the law's own Stribeck curve: an effect with a curve of its own may hide in that.
 
     Args:
         scan: parameter -> fields of :class:`Scan` in place of its own; "delay" stands for every delay_<signal>.
@@ -56,6 +57,7 @@ class Effect:
     signed: bool = False
     memory: bool = False
     states: tuple[State, ...] = ()
+    bends: bool = False
 
     def __init__(self, scan: Mapping[str, Mapping] | None = None):
         self.scan = {name: Scan.checked(f"effect.{self.name}.scan.{name}", spec) for name, spec in (scan or {}).items()}

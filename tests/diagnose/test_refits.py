@@ -27,8 +27,9 @@ def fit(cost: float, correlation: float = 50.0):
 def option(effect: str, trace: int = 0, statistic: float = 0.0):
     own = np.eye(40)[trace]
     return SimpleNamespace(
-        candidate=Candidate(effect, effect, (effect,)), beside=None, trace=own, shape={}, statistic=statistic, step={}
-    )
+        candidate=Candidate(effect, effect, (effect,), bends=effect == "stribeck_shape"),
+        beside=None, trace=own, shape={}, statistic=statistic, step={},
+    )  # fmt: skip
 
 
 @pytest.fixture
