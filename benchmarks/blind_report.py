@@ -70,8 +70,8 @@ def report(cases: list[dict], power: bool = False) -> None:
         f"longest {max(took):.0f} s",
         "after/floor: held-out error of the slip velocity after, over its noise, largest of all seeds; worst: that of",
         "any measured signal; after/draw: over the noise that the seed drew on the held-out trial; unseen: seeds from "
-        f"{UNSEEN} on",
-        "without those that the program was mended on; s: wall-clock time, of cases side by side where --jobs says so "
+        f"{UNSEEN} on without",
+        "those that the program was mended on; s: wall-clock time, of cases side by side where --jobs says so "
         "(alone they take less)",
     ]
     text = "\n".join(lines) + "\n"

@@ -88,7 +88,7 @@ loop.last }}{% endfor %}{% if r.coloured %}; correlated in time: {{ r.coloured |
 Loss: {{ r.loss }}. {{ "%.0f" | format(r.seconds) }} s.</p>
 </body></html>
 """
-SHORT = {*greeks, "zdot"}  # first parts of names that are letters
+LETTERS = {*greeks, "zdot"}  # first parts of names that are letters
 _COLORS = {"effect found": "#d1495b", "nothing missing": "#2a9d8f", "unexplained": "#e9a03b"}
 
 
@@ -134,7 +134,7 @@ def equation(mechanism: Mechanism) -> sp.Eq:
 
 def in_latex(e: sp.Eq) -> str:
     """LaTeX, names that are words upright and whole: low_speed is no product, and no l with an index."""
-    words = {s: s.name for s in e.free_symbols if len(first := s.name.split("_")[0]) > 1 and first not in SHORT}
+    words = {s: s.name for s in e.free_symbols if len(first := s.name.split("_")[0]) > 1 and first not in LETTERS}
     names = {s: rf"\mathrm{{{name}}}".replace("_", r"\_") for s, name in words.items()}
     return sp.latex(e, mul_symbol="dot", symbol_names=names)
 
