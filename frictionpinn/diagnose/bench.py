@@ -220,11 +220,16 @@ class Bench:
         Of a fit that such a search led to, only a static friction that vanished is brought back.
         """
         found: list[Fit] = []
-        for start in (*peaked(self.problem, fit.values), *(() if fit.searched else (None,))):
-            made = self._anew(fit) if start is None else self.refit(fit, fit.names, start)
-            found += [made] if made is not None and made.state.cost < fit.state.cost else []
-            if found and found[-1].explains and not fit.explains:  # out of the wrong minimum
-                break
+
+        def lower(made: Fit | None) -> bool:
+            found.extend([made] if made is not None and made.state.cost < fit.state.cost else [])
+            return bool(found) and found[-1].explains and not fit.explains  # out of the wrong minimum
+
+        if not fit.searched and lower(self._anew(fit)):
+            return found[-1]
+        back = peaked(self.problem, fit.values)
+        for made in in_parallel(lambda k: self.refit(fit, fit.names, back[k]), [1.0] * len(back)):
+            lower(made)
         return min(found, key=lambda f: f.state.cost, default=None)
 
     def _anew(self, fit: Fit) -> Fit | None:

@@ -11,7 +11,8 @@ from .bench import Bench
 from .candidates import Candidate
 from .fit import Fit
 from .held_out import compared_gains, held_out_gain
-from .refits import DEEP, NEAR, contenders, refitted
+from .minima import DEEP, NEAR
+from .refits import contenders, refitted
 from .rivals import Contender
 from .scan import Tested
 from .tries import penalised

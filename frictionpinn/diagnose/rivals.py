@@ -32,7 +32,7 @@ def levelled(bench: Bench, fits: Sequence[Contender], all_: bool = False) -> lis
         limit = penalised(best[1]) + TOLD
         behind = [
             k for k, (tested, fit) in enumerate(fits)
-            if (all_ or fit.explains or _mates(tested, best[0])) and penalised(fit) > limit
+            if (all_ or fit.explains or mates(tested, best[0])) and penalised(fit) > limit
         ]  # fmt: skip
         for k, found in zip(behind, _all_moved(bench, [fits[k] for k in behind], best), strict=True):
             tested, fit = fits[k]
@@ -46,7 +46,7 @@ def _all_moved(bench: Bench, fits: Sequence[Contender], best: Contender) -> list
     return in_parallel(lambda k: moved(bench, fits[k], best), [1.0] * len(fits))
 
 
-def _mates(one: Tested, other: Tested) -> bool:
+def mates(one: Tested, other: Tested) -> bool:
     return abs(float(one.trace @ other.trace)) > MATE
 
 
@@ -61,7 +61,7 @@ def moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:
 
 def _alike_strength(tested: Tested, best: Contender) -> dict[str, float]:
     """The strength that makes what the best's does, as far as the score tests tell: {} where there are several."""
-    if not _mates(tested, best[0]) or len(tested.step) != 1 or len(best[0].step) != 1:
+    if not mates(tested, best[0]) or len(tested.step) != 1 or len(best[0].step) != 1:
         return {}
     ((name, step),), ((other, unit),) = tested.step.items(), best[0].step.items()
     return {name: best[1].values[other] * step / unit} if unit else {}

@@ -14,7 +14,7 @@ from .bench import Bench
 from .candidates import Candidate
 from .contest import Accepted, Refused, Settings, contest, needed
 from .fit import Fit
-from .refits import searched
+from .minima import searched
 from .remainder import Remainder
 from .restarts import lifted, peaked, widened
 from .scan import Scanned, Tested, scan
@@ -23,7 +23,7 @@ from .tries import add, better, penalised
 __all__ = ["Accepted", "Refused", "Selection", "Settings", "select"]
 
 SETTLED = 3.0  # log-likelihood that a new search must gain to count
-LIFTED, MANY = 3, 100  # candidates tried beside a friction that had vanished; shapes of those left out there
+MANY = 100  # shapes of candidates that are left out beside a friction that had vanished
 
 
 @dataclass
@@ -155,7 +155,7 @@ def _beside_vanished(
     banned = {r.candidate.name for r in selection.refused}
     present = {a.candidate.effect for a in selection.accepted}
     left = [c for c in options if c.effect not in present and c.name not in banned and len(c.grid) < MANY]
-    tested = scan(bench, found, left, (), {}).tested[:LIFTED]
+    tested = scan(bench, found, left, (), {}).tested
     return [replace(t, beside=found.values) for t in tested if t.log_p + np.log10(len(options)) < settings.log_p]
 
 

@@ -35,9 +35,8 @@ def leaves_little(before: Fit, fit: Fit) -> bool:
 def look(bench: Bench, fit: Fit, tested: Tested) -> Fit | None:
     """A few iterations with a candidate, from neutral: enough to rank it."""
     names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
-    back = lifted(bench.problem, bench.sizes, fit.values)
     fits = []
-    for base in (fit.values, *([back] if back else [])):
+    for base in _bases(bench, fit, tested, False):
         values = bench.clip({**base, **tested.shape})
         fits.append(bench.refit(fit, names, values, limits=reach(tested), iterations=ROUGH))
     return min((f for f in fits if f is not None), key=penalised, default=None)

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from frictionpinn.diagnose import bench as benches
-from frictionpinn.diagnose import refits, rivals
+from frictionpinn.diagnose import minima, refits, rivals
 from frictionpinn.diagnose import tries as tries_
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.candidates import Candidate
-from frictionpinn.diagnose.refits import BETTER, refitted
+from frictionpinn.diagnose.minima import AT_ONCE, BATCH, BETTER
+from frictionpinn.diagnose.refits import refitted
 
 
 def fit(cost: float, correlation: float = 50.0):
@@ -46,10 +47,17 @@ def tries(monkeypatch):
         return seen.better.get(id(found))
 
     seen.bench = SimpleNamespace(
-        mechanism=SimpleNamespace(memory=True), search=search, refit=lambda *a, **k: None, clip=dict
+        mechanism=SimpleNamespace(memory=True),
+        search=search,
+        refit=lambda *a, **k: None,
+        clip=dict,
+        problem=None,
+        sizes=None,
     )
-    monkeypatch.setattr(refits, "add", add)
-    for module in (refits, rivals):
+    for module in (refits, minima):
+        monkeypatch.setattr(module, "add", add)
+    monkeypatch.setattr(refits, "lifted", lambda *a: None)
+    for module in (refits, minima, rivals):
         monkeypatch.setattr(module, "replace", lambda item, **changes: SimpleNamespace(**(vars(item) | changes)))
     return seen
 
@@ -98,6 +106,7 @@ def test_beside_a_fit_that_explains_nearly_all_the_others_start_from_there_too_a
 
 def test_once_one_explains_the_residual_others_are_searched_only_where_they_come_near_from_there(tries):
     spring, explains, ripple = fit(100, 20.0), fit(20, 1.0), fit(130, 20.0)
+    explains.searched = True
     tries.found, tries.better = {"spring_force": spring, "ripple": ripple}, {id(spring): explains}
     classes = [[option("spring_force", 0)], [option("ripple", 1)]]
     assert names(refitted(tries.bench, fit(1000, 250.0), classes, ())) == ["spring_force", "ripple"]
@@ -106,23 +115,33 @@ def test_once_one_explains_the_residual_others_are_searched_only_where_they_come
     explains.values["mu_c"] = 0.31
     tries.bench.refit = lambda found, own, values, **options: near if values["mu_c"] == 0.31 else None
     refitted(tries.bench, fit(1000, 250.0), [[option("spring_force", 0)], [option("ripple", 1)]], ())
-    assert tries.searched == [spring, near]
+    assert tries.searched == [spring, explains, near]
 
 
-def test_no_search_is_made_where_a_contender_explains_the_residual_from_the_unknowns_of_the_best(tries):
-    asymmetry, constant = fit(100, 20.0), fit(130, 22.0)
+def test_what_explains_the_residual_from_the_unknowns_of_the_best_is_found_where_searches_were_in_vain(tries):
+    asymmetry, constant, far = fit(100, 20.0), fit(130, 22.0), fit(400, 22.0)
     asymmetry.values["mu_c"] = 0.31
-    tries.found = {"asymmetry": asymmetry, "constant_force": constant}
+    tries.found = {"asymmetry": asymmetry, "constant_force": constant, "spring_force": far}
     tries.bench.refit = lambda found, own, values, **options: fit(20, 1.0) if values["mu_c"] == 0.31 else None
-    classes = [[option("asymmetry", 0)], [option("constant_force", 1)]]
-    assert names(refitted(tries.bench, fit(1000, 250.0), classes, ())) == ["constant_force", "asymmetry"]
-    assert tries.searched == []
+    classes = [[option("asymmetry", 0)], [option("constant_force", 1)], [option("spring_force", 2)]]
+    found = refitted(tries.bench, fit(1000, 250.0), classes, ())
+    assert names(found)[-1] == "asymmetry"
+    assert tries.searched == [asymmetry, constant]  # each where it is the best, or near a best that no search moved
+
+
+def test_a_leader_that_leaves_little_is_searched_before_any_other_is_tried(tries):
+    leader, solved = fit(100, 20.0), fit(50, 1.0)
+    tries.found, tries.better = {"drag": leader, "ripple": fit(200, 60.0)}, {id(leader): solved}
+    classes = [[option("drag", 0)], [option("ripple", 1)]]
+    assert names(refitted(tries.bench, fit(1000, 250.0), classes, ())) == ["drag", "ripple"]
+    assert tries.searched == [leader]
+    assert tries.refitted == ["drag", "ripple"]  # from where it stands alone: the leader explains all
 
 
 def test_where_the_fit_is_astray_a_first_look_says_which_candidate_is_refitted_first(tries, monkeypatch):
     tries.found = {"ripple": fit(200, 60.0), "spring_force": fit(100, 1.0)}
     looks = {"ripple": fit(500), "spring_force": fit(150)}
-    monkeypatch.setattr(refits, "look", lambda bench, before, t: looks[t.candidate.effect])
+    monkeypatch.setattr(minima, "look", lambda bench, before, t: looks[t.candidate.effect])
     for statistic, order in ((400.0, ["spring_force", "ripple"]), (200.0, ["ripple", "spring_force"])):
         tries.refitted = []
         refitted(
@@ -170,14 +189,16 @@ def test_where_no_contender_explains_the_residual_the_best_of_all_others_are_ref
         patch.setattr(tries_, "reach", lambda t: {})
         classes = [[others[0]]]
         refitted(tries.bench, fit(1000), classes, others)
-    assert tries.refitted == ["effect_0", *(f"effect_{k}" for k in range(11, 11 - BETTER, -1))]
-    assert len(classes) == 1 + BETTER
+    first = [f"effect_{k}" for k in range(BATCH, BATCH - AT_ONCE, -1)]
+    rest = [name for k in range(11, 0, -1) if (name := f"effect_{k}") not in first]
+    assert tries.refitted == ["effect_0", *first, *rest[:BETTER]]
+    assert len(classes) == 1 + AT_ONCE + BETTER
 
 
-@pytest.mark.parametrize(("correlation", "tried"), [(30.0, 2), (1.0, 3)])
-def test_a_search_ends_at_a_start_that_explains_only_where_the_fit_did_not(monkeypatch, correlation, tried):
+@pytest.mark.parametrize(("correlation", "tried", "least"), [(30.0, 1, 95), (1.0, 3, 50)])
+def test_a_search_ends_at_a_start_that_explains_only_where_the_fit_did_not(monkeypatch, correlation, tried, least):
     starts = [{"v_s": 0.01}, {"v_s": 0.02}]
-    found = iter([fit(95, 20.0 if correlation > 4.5 else 1.0), fit(94, 1.0), fit(50, 1.0)])
+    found = iter([fit(95, 1.0), fit(94, 1.0), fit(50, 1.0)])
     monkeypatch.setattr(benches, "peaked", lambda problem, values: starts)
     seen = []
     stub = SimpleNamespace(
@@ -185,7 +206,24 @@ def test_a_search_ends_at_a_start_that_explains_only_where_the_fit_did_not(monke
     )
     best = Bench.search(stub, fit(100, correlation))
     assert len(seen) == tried
-    assert best.state.cost == (94 if tried == 2 else 50)
+    assert best.state.cost == least
+
+
+def test_friction_that_vanished_is_brought_back_first_and_what_is_significant_there_is_looked_at_before_the_others(
+    tries, monkeypatch
+):
+    monkeypatch.setattr(refits, "lifted", lambda *a: {"mu_c": 0.2})
+    shown = [option(f"shown_{k}", k) for k in range(5)]
+    for tested in shown:
+        tested.beside = {"mu_c": 0.2}
+    tries.found = {f"shown_{k}": fit(500 - k, 60.0) for k in range(4)} | {"shown_4": fit(100, 1.0)}
+    tries.found |= {"ripple": fit(600, 60.0), "drag": fit(900, 60.0)}
+    looked = []
+    monkeypatch.setattr(minima, "look", lambda bench, before, t: looked.append(t) or fit(550 - len(looked)))
+    found = refitted(tries.bench, fit(1000), [[option("ripple", 9)]], [option("drag", 10)], lambda: shown)
+    assert tries.refitted[:4] == ["shown_0", "shown_1", "shown_2", "ripple"]
+    assert [t.candidate.effect for t in looked] == ["shown_3", "shown_4", "drag"]
+    assert names(found)[0] == "shown_4"
 
 
 def test_a_fit_that_was_searched_already_is_only_tried_with_its_static_friction_brought_back(monkeypatch):
@@ -228,7 +266,7 @@ def test_a_fit_that_explains_but_stopped_short_starts_from_the_unknowns_of_the_b
 
 
 def test_what_leaves_little_but_not_nothing_keeps_no_other_from_being_tried(tries, monkeypatch):
-    monkeypatch.setattr(refits, "look", lambda bench, before, t: fit(300))
+    monkeypatch.setattr(minima, "look", lambda bench, before, t: fit(300))
     tries.found = {"ripple": fit(100, 13.0), "constant_force": fit(50, 1.0)}
     found = refitted(tries.bench, fit(1000, 260.0), [[option("ripple", 0)]], [option("constant_force", 1)])
     assert names(found)[0] == "constant_force"

@@ -1,0 +1,159 @@
+"""Candidates' fits out of wrong minima: searched anew, and all other candidates looked at where that does not help."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ..identify.parallel import in_parallel
+from .bench import Bench
+from .fit import Fit
+from .rivals import Contender, best_of, levelled, moved
+from .scan import Tested
+from .score import ALIKE
+from .tries import ASTRAY, add, better, leaves_little, look, penalised
+
+PROMISING = 0.5  # of the cost beyond noise: contenders that take off less are not the first to search anew
+WORTHY = 0.5  # of the best gain: what looks as good is refitted at once
+BETTER = 5  # candidates outside the classes that are refitted after a first look
+BATCH, AT_ONCE = 8, 2  # candidates looked at before the best of them are refitted, and how many are
+DEEP = 3  # contenders that are searched anew where no refit explains the residual
+NEAR = 50.0  # log-likelihood: rivals that are searched anew too, should the winner prove to be in a wrong minimum
+CLOSE = 0.7  # of the winner's gain: so near they are at least
+
+
+def explained(fits: Sequence[Contender]) -> bool:
+    return any(fit.explains for _, fit in fits)
+
+
+def gained(before: Fit, fit: Fit) -> float:
+    return before.state.cost - fit.state.cost
+
+
+def looks_at(bench: Bench, before: Fit, tested: Sequence[Tested]) -> list[Fit | None]:
+    return in_parallel(lambda k: look(bench, before, tested[k]), [1.0] * len(tested))
+
+
+def polished(bench: Bench, before: Fit, found: list[Contender], fits: Sequence[Contender]) -> list[Contender]:
+    """What was found, searched anew where it leaves little but more than noise and is the best so far, or comes near
+    a best for which a search was in vain.
+
+    A search costs less than to ask all others, and as a rule what is left is that the fit stopped short.
+    """
+    if not (found and bench.mechanism.memory) or found[0][1].explains or not leaves_little(before, found[0][1]):
+        return found
+    best, tries = best_of([*fits, *found])[1], sum(fit.searched for _, fit in fits)
+    near = penalised(found[0][1]) < penalised(best) + _reach(before, best)
+    if best is not found[0][1] and not (best.searched and near and tries < DEEP):
+        return found
+    return [(found[0][0], searched(bench, found[0][1]))]
+
+
+def out_of_wrong_minima(
+    bench: Bench, before: Fit, classes: list[list[Tested]], fits: list[Contender], others: Sequence[Tested]
+) -> list[Contender]:
+    """The fits and more of them, until one explains the residual.
+
+    The best contenders are searched anew; and all other candidates are tried, before that where the contenders
+    explain little, or where the score tests that chose them were made in a wrong minimum.
+    """
+    best = min(fit.state.cost for _, fit in fits)
+    promising = before.state.cost - best > PROMISING * (before.state.cost - 0.5 * before.count)
+    trusted = max(group[0].statistic for group in classes) <= ASTRAY
+    for step in (True, False) if promising and trusted else (False, True):
+        if step and not explained(fits):
+            fits = _searched(bench, before, fits)
+        elif not step and not explained(fits):
+            _try_others(bench, before, classes, fits, others)
+    return fits
+
+
+def _searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Contender]:
+    """The fits, those searched anew that come near the best: all of them, since one in a wrong minimum may be right.
+
+    First each is fitted from the best's unknowns, which costs a hundredth of a search and may do.
+    """
+    fits = sorted(fits, key=lambda pair: penalised(pair[1]))
+    fits = sorted([*levelled(bench, fits[:DEEP], True), *fits[DEEP:]], key=lambda pair: penalised(pair[1]))
+    best = penalised(fits[0][1])
+    reach_ = best + _reach(before, fits[0][1])
+    found: list[Contender] = []
+    for k, (tested, fit) in enumerate(fits):
+        if k < DEEP and penalised(fit) < reach_ and not fit.explains:
+            if explained(found):  # out of that minimum the others come from there, if they come near at all
+                winner = best_of(found)
+                fit = better(fit, moved(bench, (tested, fit), winner)) or fit
+                fit = fit if penalised(fit) > penalised(winner[1]) + NEAR else searched(bench, fit)
+            else:
+                fit = searched(bench, fit)
+        found.append((tested, fit))
+    return found
+
+
+def _try_others(
+    bench: Bench, before: Fit, classes: list[list[Tested]], fits: list[Contender], others: Sequence[Tested]
+) -> None:
+    """Look at the candidates outside the classes, and refit the best, until one explains the residual.
+
+    Each becomes a class of its own. They are looked at in batches: of each those are refitted at once that come near
+    the best fit, and in the end the best of the others.
+    """
+    known, seen = [group[0].trace for group in classes], {group[0].candidate.name for group in classes}
+    alone = [t for t in others if t.beside or all(abs(float(trace @ t.trace)) < ALIKE for trace in known)]
+    left = [t for k, t in enumerate(alone) if t.candidate.name not in seen | {o.candidate.name for o in alone[:k]}]
+    looked: list[Contender] = []
+    for k in range(0, len(left), BATCH):
+        looks = zip(left[k : k + BATCH], looks_at(bench, before, left[k : k + BATCH]), strict=True)
+        looked = sorted([*looked, *((t, f) for t, f in looks if f is not None)], key=lambda pair: penalised(pair[1]))
+        limit = before.state.cost - WORTHY * max(gained(before, best_of(fits)[1]), 0.0)
+        last = k + BATCH >= len(left)
+        now = looked[:BETTER] if last else [pair for pair in looked[:AT_ONCE] if pair[1].state.cost < limit]
+        looked = [pair for pair in looked if not any(pair is one for one in now)]
+        for tested, _ in now:
+            found = add(bench, before, tested, thorough=False)
+            classes.append([tested])
+            fits += polished(bench, before, [] if found is None else [(tested, found)], fits)
+            if explained(fits):
+                return
+
+
+def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Contender]:
+    """The fits, the best and those near it searched anew: of two that are much alike one may have stopped short.
+
+    Near is, too, what stopped short of the gain that its score test promised.
+    """
+    gain = before.state.cost - min(fit.state.cost for _, fit in fits)
+    least = min(penalised(fit) for _, fit in fits)
+    reach_ = least + min(NEAR, CLOSE * gain)  # those that gain nothing are no rivals
+
+    def hoped(pair: Contender) -> float:
+        tested, fit = pair
+        told = tested.beside is None and tested.statistic < ASTRAY  # in a wrong minimum a score test promises anything
+        promised = before.state.cost - tested.statistic / 2 if told else fit.state.cost
+        return penalised(fit) - max(fit.state.cost - promised, 0.0)
+
+    fits = sorted(fits, key=hoped)
+    near = sum(hoped(pair) < reach_ for pair in fits[:DEEP])
+    if near < 2:
+        return fits
+    # Of those that the score tests do not tell apart one is searched anew, the others from there.
+    heads = [k for k in range(near) if not any(_twins(fits[j][0], fits[k][0]) for j in range(k))]
+    found = fits[:near]
+    better_ = in_parallel(lambda j: searched(bench, fits[heads[j]][1]), [1.0] * len(heads))
+    for k, fit in zip(heads, better_, strict=True):
+        found[k] = found[k][0], fit
+    return levelled(bench, [*levelled(bench, found, True), *fits[near:]])
+
+
+def _twins(one: Tested, other: Tested) -> bool:
+    return abs(float(one.trace @ other.trace)) > ALIKE
+
+
+def _reach(before: Fit, best: Fit) -> float:
+    """How far from the best a fit that stopped short may be."""
+    return max(NEAR, 0.1 * gained(before, best))
+
+
+def searched(bench: Bench, fit: Fit) -> Fit:
+    """The fit or, where a search from all starts finds it, a better one."""
+    return bench.search(fit) or replace(fit, searched=True)
