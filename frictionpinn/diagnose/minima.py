@@ -57,14 +57,15 @@ def out_of_wrong_minima(
     The best contenders are searched anew; and all other candidates are tried, before that where the contenders
     explain little, or where the score tests that chose them were made in a wrong minimum.
     """
-    best = min(fit.state.cost for _, fit in fits)
-    promising = before.state.cost - best > PROMISING * (before.state.cost - 0.5 * before.count)
+    best = min((fit for _, fit in fits), key=lambda fit: fit.state.cost)
+    promising = gained(before, best) > PROMISING * (before.state.cost - 0.5 * before.count)
     trusted = max(group[0].statistic for group in classes) <= ASTRAY
-    for step in (True, False) if promising and trusted else (False, True):
-        if step and not explained(fits):
-            fits = _searched(bench, before, fits)
-        elif not step and not explained(fits):
-            _try_others(bench, before, classes, fits, others)
+    if promising and trusted:
+        fits = _searched(bench, before, fits)
+    if not explained(fits):
+        _try_others(bench, before, classes, fits, others)
+    if not ((promising and trusted) or explained(fits)):
+        fits = _searched(bench, before, fits)
     return fits
 
 
