@@ -219,18 +219,13 @@ class Bench:
 
         Of a fit that such a search led to, only a static friction that vanished is brought back.
         """
-        found: list[Fit] = []
-
-        def lower(made: Fit | None) -> bool:
-            found.extend([made] if made is not None and made.state.cost < fit.state.cost else [])
-            return bool(found) and found[-1].explains and not fit.explains  # out of the wrong minimum
-
-        if not fit.searched and lower(self._anew(fit)):
-            return found[-1]
+        anew = None if fit.searched else self._anew(fit)
+        if anew is not None and anew.state.cost < fit.state.cost and anew.explains and not fit.explains:
+            return anew  # out of the wrong minimum
         back = peaked(self.problem, fit.values)
-        for made in in_parallel(lambda k: self.refit(fit, fit.names, back[k]), [1.0] * len(back)):
-            lower(made)
-        return min(found, key=lambda f: f.state.cost, default=None)
+        found = in_parallel(lambda k: self.refit(fit, fit.names, back[k]), [1.0] * len(back))
+        lower = [f for f in (anew, *found) if f is not None and f.state.cost < fit.state.cost]
+        return min(lower, key=lambda f: f.state.cost, default=None)
 
     def _anew(self, fit: Fit) -> Fit | None:
         simulator = self.parts.of(fit.names, fit.values)

@@ -8,9 +8,8 @@ from dataclasses import replace
 from ..identify.parallel import in_parallel
 from .bench import Bench
 from .fit import Fit
-from .rivals import Contender, best_of, levelled, moved
+from .rivals import Contender, best_of, levelled, moved, twins
 from .scan import Tested
-from .score import ALIKE
 from .tries import ASTRAY, add, better, leaves_little, look, penalised
 
 PROMISING = 0.5  # of the cost beyond noise: contenders that take off less are not the first to search anew
@@ -43,7 +42,7 @@ def polished(bench: Bench, before: Fit, found: list[Contender], fits: Sequence[C
     if not (found and bench.mechanism.memory) or found[0][1].explains or not leaves_little(before, found[0][1]):
         return found
     best, tries = best_of([*fits, *found])[1], sum(fit.searched for _, fit in fits)
-    near = penalised(found[0][1]) < penalised(best) + _reach(before, best)
+    near = penalised(found[0][1]) < penalised(best) + _margin(before, best)
     if best is not found[0][1] and not (best.searched and near and tries < DEEP):
         return found
     return [(found[0][0], searched(bench, found[0][1]))]
@@ -77,7 +76,7 @@ def _searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Cont
     fits = sorted(fits, key=lambda pair: penalised(pair[1]))
     fits = sorted([*levelled(bench, fits[:DEEP], True), *fits[DEEP:]], key=lambda pair: penalised(pair[1]))
     best = penalised(fits[0][1])
-    reach_ = best + _reach(before, fits[0][1])
+    reach_ = best + _margin(before, fits[0][1])
     found: list[Contender] = []
     for k, (tested, fit) in enumerate(fits):
         if k < DEEP and penalised(fit) < reach_ and not fit.explains:
@@ -99,9 +98,12 @@ def _try_others(
     Each becomes a class of its own. They are looked at in batches: of each those are refitted at once that come near
     the best fit, and in the end the best of the others.
     """
-    known, seen = [group[0].trace for group in classes], {group[0].candidate.name for group in classes}
-    alone = [t for t in others if t.beside or all(abs(float(trace @ t.trace)) < ALIKE for trace in known)]
-    left = [t for k, t in enumerate(alone) if t.candidate.name not in seen | {o.candidate.name for o in alone[:k]}]
+    heads = [group[0] for group in classes]
+    seen, unseen = {head.candidate.name for head in heads}, dict[str, Tested]()
+    for t in others:
+        if t.candidate.name not in seen and (t.beside or not any(twins(head, t) for head in heads)):
+            unseen.setdefault(t.candidate.name, t)
+    left = list(unseen.values())
     looked: list[Contender] = []
     for k in range(0, len(left), BATCH):
         looks = zip(left[k : k + BATCH], looks_at(bench, before, left[k : k + BATCH]), strict=True)
@@ -138,7 +140,7 @@ def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> lis
     if near < 2:
         return fits
     # Of those that the score tests do not tell apart one is searched anew, the others from there.
-    heads = [k for k in range(near) if not any(_twins(fits[j][0], fits[k][0]) for j in range(k))]
+    heads = [k for k in range(near) if not any(twins(fits[j][0], fits[k][0]) for j in range(k))]
     found = fits[:near]
     better_ = in_parallel(lambda j: searched(bench, fits[heads[j]][1]), [1.0] * len(heads))
     for k, fit in zip(heads, better_, strict=True):
@@ -146,11 +148,7 @@ def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> lis
     return levelled(bench, [*levelled(bench, found, True), *fits[near:]])
 
 
-def _twins(one: Tested, other: Tested) -> bool:
-    return abs(float(one.trace @ other.trace)) > ALIKE
-
-
-def _reach(before: Fit, best: Fit) -> float:
+def _margin(before: Fit, best: Fit) -> float:
     """How far from the best a fit that stopped short may be."""
     return max(NEAR, 0.1 * gained(before, best))
 

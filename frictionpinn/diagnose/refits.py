@@ -13,9 +13,8 @@ from .bench import Bench
 from .fit import Fit
 from .minima import CLOSE, DEEP, explained, gained, looks_at, out_of_wrong_minima, polished, rivals_searched
 from .restarts import lifted
-from .rivals import Contender, best_of, levelled, mates
+from .rivals import Contender, best_of, levelled, mates, twins
 from .scan import Tested
-from .score import ALIKE
 from .tries import ASTRAY, add, better, leaves_little, penalised, reach
 
 log = logging.getLogger(__name__)
@@ -40,8 +39,8 @@ def refitted(
         bench, before: where they are refitted.
         classes: candidates that the score tests cannot tell apart; what is refitted by itself gets a class of its own.
         others: candidates to try where none of these explains the residual.
-        beside: tells candidates that show only beside a friction that had vanished; asked if none of these explains it,
-            or what does bends the curve of the friction that is left.
+        beside: tells candidates that show only beside a friction that had vanished; asked first where Coulomb or
+            viscous friction had, else if none of these explains it, or what does bends the curve that is left.
     """
     fits: list[Contender] = []
     left = _promising_first(bench, before, classes)
@@ -167,7 +166,7 @@ def contenders(significant: Sequence[Tested]) -> list[list[Tested]]:
     largest = max((t.statistic for t in significant), default=0.0)
     worth = largest * (WORTH[1] if largest > ASTRAY else WORTH[0])  # an astray fit ranks them poorly
     for tested in significant:
-        own = next((g for g in classes if abs(float(g[0].trace @ tested.trace)) > ALIKE), None)
+        own = next((g for g in classes if twins(g[0], tested)), None)
         if own is not None:
             own.append(tested)
         elif len(classes) < CONTENDERS and tested.statistic > worth:

@@ -9,6 +9,7 @@ from ..identify.parallel import in_parallel
 from .bench import Bench
 from .fit import Fit
 from .scan import Tested
+from .score import ALIKE
 from .tries import better, penalised
 
 TOLD = 1.0  # log-likelihood: fits that may be equal, but differ by more, are fitted from one another
@@ -47,7 +48,13 @@ def _all_moved(bench: Bench, fits: Sequence[Contender], best: Contender) -> list
 
 
 def mates(one: Tested, other: Tested) -> bool:
+    """Whether the data show about the same of both."""
     return abs(float(one.trace @ other.trace)) > MATE
+
+
+def twins(one: Tested, other: Tested) -> bool:
+    """Whether the score tests cannot tell them apart."""
+    return abs(float(one.trace @ other.trace)) > ALIKE
 
 
 def moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:

@@ -166,6 +166,24 @@ def test_rivals_within_reach_are_searched_anew_and_those_that_gain_nothing_are_n
     assert tries.searched == [drag, ripple]
 
 
+def test_of_rivals_that_the_score_tests_cannot_tell_apart_one_is_searched_anew(tries):
+    offset, bias, drag = fit(80, 1.0), fit(84, 1.0), fit(86, 1.0)
+    tries.found = {"com_offset": offset, "sensor_bias": bias, "drag": drag}
+    classes = [[option("com_offset", 0)], [option("sensor_bias", 0)], [option("drag", 1)]]
+    refitted(tries.bench, fit(100, 1.0), classes, ())
+    assert tries.searched == [offset, drag]
+
+
+def test_beside_what_leaves_little_a_candidate_that_gains_nothing_at_a_first_look_is_not_refitted(tries, monkeypatch):
+    looks = {"ripple": fit(900), "spring_force": fit(150), "asymmetry": fit(400)}
+    monkeypatch.setattr(minima, "look", lambda bench, before, t: looks[t.candidate.effect])
+    tries.found = {"spring_force": fit(100, 1.0), "asymmetry": fit(300, 60.0)}
+    classes = [[option(name, k, 400.0)] for k, name in enumerate(looks)]
+    found = refitted(tries.bench, fit(1000), classes, ())
+    assert tries.refitted == ["spring_force", "asymmetry"]
+    assert names(found) == ["spring_force", "asymmetry", "ripple"]
+
+
 def test_a_rival_that_stopped_short_of_what_its_score_test_promised_is_searched_anew(tries):
     drag, short = fit(80, 1.0), fit(100, 1.0)
     tries.found = {"drag": drag, "low_speed": short}
