@@ -18,9 +18,7 @@ class Part(Simulator):
 
     def parameters(self, p: Values) -> np.ndarray:
         """See :meth:`Simulator.parameters`; names of other parameters are passed over."""
-        if isinstance(p, Mapping):
-            p = {name: value for name, value in p.items() if name in self.parameter_names}
-        return super().parameters(p)
+        return self._vector(p) if isinstance(p, Mapping) else super().parameters(p)
 
     def __reduce__(self):
         return Part, (self.mechanism,)

@@ -114,7 +114,7 @@ class TrialModel:
         coefficients, first = self.base.coefficients.copy(), len(self.states)
         for item, values in self._split(local, first):
             coefficients[:, list(item.columns)] = np.tensordot(values, item.basis.pieces, 1)
-        return InputPath(self.base.names, self.t, coefficients)
+        return self.base.through(coefficients)
 
     def _split(self, local: np.ndarray, first: int):
         for item in self.inputs:
@@ -172,7 +172,7 @@ class TrialModel:
         model = self.predict(run)
         residuals = {name: row - y for name, row, y in zip(self.outputs, model, self.y, strict=True)}
         scale = np.array([sigmas[name] for name in self.outputs])
-        r = np.nan_to_num((model - self.y) / scale[:, None])
+        r = _without_gaps((model - self.y) / scale[:, None])
         cost = loss.cost(r)
         prior = self._prior(local)
         cost += 0.5 * float(prior @ prior)
@@ -193,7 +193,7 @@ class TrialModel:
             residuals.update(zip(item.names, difference, strict=True))
             if not joint:
                 continue
-            r_in = np.nan_to_num(difference / levels[:, None])
+            r_in = _without_gaps(difference / levels[:, None])
             cost += loss.cost(r_in)
             if names:
                 end = first + item.basis.size
@@ -229,3 +229,9 @@ class TrialModel:
                 J[:, :, list(names).index("sigma_0")] -= J[:, :, column] * z0 / p["sigma_0"]
             J[:, :, column] /= p["sigma_0"]
         return J
+
+
+def _without_gaps(r: np.ndarray) -> np.ndarray:
+    """Residuals with zeros where nothing was measured, in place (np.nan_to_num takes ten times as long)."""
+    r[np.isnan(r)] = 0.0
+    return r

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+from numba import njit, types
 
 from .paths import DEGREE, Directions
 
 _NODES = (1 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2  # ends included: the shifted pieces join
 _FROM_NODES = np.linalg.inv(_NODES[:, None] ** np.arange(DEGREE + 1))
-_POWERS = np.arange(DEGREE + 1)
+_F1, _F3, _I2 = types.float64[::1], types.float64[:, :, ::1], types.int64[:, ::1]
+_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
 def shift_pieces(t: np.ndarray, coefficients: np.ndarray, shift: float, *, rate: bool = False) -> np.ndarray:
@@ -25,9 +28,10 @@ def shift_pieces(t: np.ndarray, coefficients: np.ndarray, shift: float, *, rate:
         coefficients: shape (n - 1, columns, 6), powers of t - t_k.
         shift: s, of any sign.
     """
+    made, columns = np.empty(coefficients.shape), np.arange(coefficients.shape[1])
     piece, weights = _weights(t, shift, rate)
-    values = np.einsum("kjd,kjud->kuj", weights, coefficients[piece])
-    return (values @ _FROM_NODES.T) / np.diff(t)[:, None, None] ** _POWERS
+    _shifted(t, np.ascontiguousarray(coefficients), columns, piece, weights, 0, len(t) - 2, made)
+    return made
 
 
 def together(shifts: Mapping[int, float]) -> list[tuple[float, slice | list[int]]]:
@@ -42,31 +46,64 @@ def together(shifts: Mapping[int, float]) -> list[tuple[float, slice | list[int]
 
 def shift_directions(t: np.ndarray, directions: Directions, shifts: Mapping[int, float]) -> Directions:
     """Directions of paths some of whose columns act late, column -> s: each where it acts alone."""
-    coefficients, h = directions.coefficients.copy(), np.diff(t)
+    given, support = directions.coefficients, directions.support.copy()
+    coefficients, places = np.zeros_like(given), np.arange(given.shape[2])
+    prompt = [column for column in places if column not in shifts]
+    coefficients[:, :, prompt] = given[:, :, prompt]
     for shift, columns in together(shifts):
-        coefficients[:, :, columns] = 0.0
-        piece, weights = _weights(t, shift)
+        piece, weights = _weights(t, shift, False)
         low, high = piece.min(axis=1), piece.max(axis=1)
-        for given, made, (first, last) in zip(directions.coefficients, coefficients, directions.support, strict=True):
+        for k, (first, last) in enumerate(directions.support):
             near = np.flatnonzero((high >= first) & (low <= last))
             if len(near):
-                there = slice(near[0], near[-1] + 1)
-                values = np.einsum("kjd,kjud->kuj", weights[there], given[:, columns][piece[there]])
-                made[there, columns] = (values @ _FROM_NODES.T) / h[there, None, None] ** _POWERS
-    return directions.moved(coefficients, t)  # what acts first still does
+                ends = int(near[0]), int(near[-1])
+                _shifted(t, given[k], places[columns], piece, weights, *ends, coefficients[k])
+                support[k] = min(support[k, 0], ends[0]), max(support[k, 1], ends[1])
+    support[:, 0] = np.minimum.accumulate(support[::-1, 0])[::-1]  # in order still: too early costs little
+    return directions.moved(coefficients, t, support)
 
 
-def _weights(t: np.ndarray, shift: float, rate: bool = False) -> tuple[np.ndarray, np.ndarray]:
+@njit(types.Tuple((_I2, _F3))(_F1, types.float64, types.boolean), **_OPTIONS)
+def _weights(t, shift, rate):
     """Piece in which each of the six times of a shifted piece lies, (n - 1, 6), and the weights of its powers there."""
-    h = np.diff(t)
-    times = t[:-1, None] + h[:, None] * _NODES - shift
-    piece = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(h) - 1)
-    offset = times - t[piece]
-    inside = np.clip(offset, 0.0, h[piece])
-    powers = inside[..., None] ** _POWERS
-    slopes = np.zeros_like(powers)
-    slopes[..., 1:] = powers[..., :-1] * _POWERS[1:]
-    return piece, -slopes if rate else powers + (offset - inside)[..., None] * slopes
+    n, count = len(t) - 1, len(_NODES)
+    piece, weights = np.empty((n, count), np.int64), np.empty((n, count, count))
+    for j in range(count):
+        own = 0
+        for k in range(n):
+            time = t[k] + (t[k + 1] - t[k]) * _NODES[j] - shift
+            while own < n - 1 and time >= t[own + 1]:
+                own += 1
+            offset = time - t[own]
+            inside = min(max(offset, 0.0), t[own + 1] - t[own])
+            piece[k, j] = own
+            power, slope = 1.0, 0.0  # of inside^d
+            for d in range(count):
+                weights[k, j, d] = -slope if rate else power + (offset - inside) * slope
+                slope = (d + 1) * power
+                power *= inside
+    return piece, weights
+
+
+@njit(types.void(_F1, _F3, types.int64[::1], _I2, _F3, types.int64, types.int64, _F3), **_OPTIONS)
+def _shifted(t, given, columns, piece, weights, first, last, made):
+    """Pieces first to last of the shifted columns into ``made``."""
+    count = given.shape[2]
+    values = np.empty(count)
+    for k in range(first, last + 1):
+        per = 1 / (t[k + 1] - t[k])
+        for column in columns:
+            for j in range(count):
+                values[j] = 0.0
+                for d in range(count):
+                    values[j] += weights[k, j, d] * given[piece[k, j], column, d]
+            scale = 1.0
+            for d in range(count):
+                total = 0.0
+                for j in range(count):
+                    total += _FROM_NODES[d, j] * values[j]
+                made[k, column, d] = total * scale
+                scale *= per
 
 
 def shift_samples(t: np.ndarray, y: np.ndarray, slope: np.ndarray, shift: float) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 import numpy as np
 import sympy as sp
@@ -47,7 +46,7 @@ class Drive:
         for shift, columns in together({column: float(weights @ p) for column, weights in self.delays.items()}):
             if rates[:, columns].any():
                 rates[:, columns] *= shift_pieces(recorded.t, recorded.coefficients[:, columns], shift, rate=True)
-        return self._extended(replace(recorded, coefficients=rates), 0.0)
+        return self._extended(recorded.through(rates), 0.0)
 
     def _shifts(self, p: np.ndarray) -> dict[int, float]:
         """Columns that act late, and by how much, s."""
@@ -61,7 +60,7 @@ class Drive:
         coefficients = path.coefficients.copy()
         for shift, columns in together(late):
             coefficients[:, columns] = shift_pieces(path.t, path.coefficients[:, columns], shift)
-        return replace(path, coefficients=coefficients)
+        return path.through(coefficients)
 
     def _extended(self, path: InputPath, rate: float) -> InputPath:
         if not self.timed:

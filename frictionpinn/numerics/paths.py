@@ -82,6 +82,13 @@ class InputPath:
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "coefficients", coefficients)
 
+    def through(self, coefficients: np.ndarray) -> InputPath:
+        """The path of other coefficients, of the same shape and at the same times, which are not checked again."""
+        made = object.__new__(InputPath)
+        for name, value in (("names", self.names), ("t", self.t), ("coefficients", coefficients)):
+            object.__setattr__(made, name, value)
+        return made
+
     @classmethod
     def from_signals(
         cls,
@@ -217,11 +224,9 @@ class Directions:
         samples = _at_samples(coefficients, t)
         return cls(dict(paths), coefficients[place], samples[place], support[place], np.argsort(place))
 
-    def moved(self, coefficients: np.ndarray, t: np.ndarray) -> Directions:
+    def moved(self, coefficients: np.ndarray, t: np.ndarray, support: np.ndarray) -> Directions:
         """The same paths with other coefficients, shape and order those of ``coefficients``, at the times t."""
-        return replace(
-            self, coefficients=coefficients, samples=_at_samples(coefficients, t), support=_support(coefficients)
-        )
+        return replace(self, coefficients=coefficients, samples=_at_samples(coefficients, t), support=support)
 
     def beside(self, others: Directions) -> Directions:
         """These after the others, by name."""

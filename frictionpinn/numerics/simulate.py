@@ -64,11 +64,15 @@ class Simulator:
         Raises:
             UserError: an unknown name, a wrong number of values, a parameter without a finite value.
         """
-        values = self._defaults | self._named(p, self.parameter_names, "parameters")
-        vector = np.array([values[name] for name in self.parameter_names], dtype=float)  # None becomes nan
-        for name in np.array(self.parameter_names)[~np.isfinite(vector)]:
+        return self._vector(self._named(p, self.parameter_names, "parameters"))
+
+    def _vector(self, values: Mapping[str, float]) -> np.ndarray:
+        names, defaults = self.parameter_names, self._defaults
+        given = [values.get(name, defaults[name]) for name in names]
+        vector = np.array(given, dtype=float)  # None becomes nan
+        for k in np.flatnonzero(~np.isfinite(vector)):
             raise UserError(
-                "parameter without a finite value", where=name, received=values[name], fix="give it a number"
+                "parameter without a finite value", where=names[k], received=given[k], fix="give it a number"
             )
         return vector
 
