@@ -15,7 +15,7 @@ from ..identify.explore import moved
 from ..identify.likelihood import find_start, maximum_likelihood
 from ..identify.problem import Problem, in_parallel
 from ..identify.result import FAILED
-from ..identify.solve import Evaluate, levenberg_marquardt, reduced
+from ..identify.solve import KNOWN, Evaluate, Solution, levenberg_marquardt, reduced
 from ..identify.space import Space
 from ..identify.start import default_bounds
 from ..identify.trial import TrialModel
@@ -237,7 +237,8 @@ class Bench:
         start = {name: fit.values[name] for name in problem.names}
         problem.start, problem.given = start, dict(fit.sigmas)
         problem.sigmas = dict(fit.sigmas)
-        estimate = maximum_likelihood(problem, start=start)
+        known = (Solution(fit.state, 0, 0, KNOWN), fit.models) if fit.state.curved else None
+        estimate = maximum_likelihood(problem, start=start, known=known)
         if estimate.outcome == FAILED:
             return None
         details = estimate.details

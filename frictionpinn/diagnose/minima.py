@@ -19,6 +19,7 @@ BATCH, AT_ONCE = 8, 2  # candidates looked at before the best of them are refitt
 DEEP = 3  # contenders that are searched anew where no refit explains the residual
 NEAR = 50.0  # log-likelihood: rivals that are searched anew too, should the winner prove to be in a wrong minimum
 CLOSE = 0.7  # of the winner's gain: so near they are at least
+AS_PROMISED = 0.1  # relative: a gain that is as near to what its score test promised was not cut short
 
 
 def explained(fits: Sequence[Contender]) -> bool:
@@ -123,7 +124,8 @@ def _try_others(
 def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Contender]:
     """The fits, the best and those near it searched anew: of two that are much alike one may have stopped short.
 
-    Near is, too, what stopped short of the gain that its score test promised.
+    Near is, too, what stopped short of the gain that its score test promised. Where all gained as much as promised the
+    fits lie where the linear model says, and no search finds anything lower.
     """
     gain = before.state.cost - min(fit.state.cost for _, fit in fits)
     least = min(penalised(fit) for _, fit in fits)
@@ -137,7 +139,7 @@ def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> lis
 
     fits = sorted(fits, key=hoped)
     near = sum(hoped(pair) < reach_ for pair in fits[:DEEP])
-    if near < 2:
+    if near < 2 or all(_as_promised(before, pair) for pair in fits[:near]):
         return fits
     # Of those that the score tests do not tell apart one is searched anew, the others from there.
     heads = [k for k in range(near) if not any(twins(fits[j][0], fits[k][0]) for j in range(k))]
@@ -146,6 +148,12 @@ def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> lis
     for k, fit in zip(heads, better_, strict=True):
         found[k] = found[k][0], fit
     return levelled(bench, [*levelled(bench, found, True), *fits[near:]])
+
+
+def _as_promised(before: Fit, pair: Contender) -> bool:
+    tested, fit = pair
+    promised = tested.statistic / 2
+    return tested.beside is None and abs(gained(before, fit) - promised) < AS_PROMISED * promised
 
 
 def _margin(before: Fit, best: Fit) -> float:

@@ -16,7 +16,7 @@ from .assemble import estimated_sigmas, failed, finish
 from .explore import descend, explore, neighbours, returned
 from .problem import Problem
 from .result import Estimate
-from .solve import Evaluate, Solution, State, levenberg_marquardt
+from .solve import KNOWN, Evaluate, Solution, State, levenberg_marquardt
 from .start import coarse_design, ridge_grid, search
 from .trial import TrialModel
 
@@ -28,6 +28,9 @@ REACH = 2.0  # times the largest friction force: how far from zero the initial b
 MISFIT = 20.0  # times the noise by differences: residuals over windows that are larger set the level
 GIVEN = "as given"  # a start that is fitted even where it looks poor over windows
 NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
+
+
+Found = tuple[Solution, tuple[TrialModel, ...]]  # where a search ended, and the models of the trials there
 
 
 def _windows(problem: Problem) -> tuple[TrialModel, ...]:
@@ -46,8 +49,9 @@ def _evaluator(problem: Problem, models: Sequence[TrialModel], joint: bool, sigm
     return evaluate
 
 
-def find_start(problem: Problem, given: Mapping[str, float] | None = None) -> list[Solution]:
-    """Fits over short windows to start whole trials from, best first; ``given`` is tried beside the search's."""
+def find_start(problem: Problem, given: Mapping[str, float] | None = None, asis: bool = True) -> list[Solution]:
+    """Fits over short windows to start whole trials from, best first; ``given`` is tried beside the search's, refined
+    and, with ``asis``, as it is."""
     windows = _windows(problem)
     locals_ = [model.local for model in windows]
     space = problem.space
@@ -60,9 +64,9 @@ def find_start(problem: Problem, given: Mapping[str, float] | None = None) -> li
     if given is not None:
         p = np.array([(problem.start | dict(given))[name] for name in space.names], dtype=float)
         own = search(evaluator, space, locals_, [p], 1, iterations=20, decrease=0.3)
-        asis = evaluator(range(len(windows)))(space.to_search(p), locals_, False)
-        if asis is not None:  # the inputs' noise may lead the refinement astray: the start itself is tried too
-            own.append(Solution(asis, 0, 1, GIVEN))
+        there = evaluator(range(len(windows)))(space.to_search(p), locals_, False) if asis else None
+        if there is not None:  # the inputs' noise may lead the refinement astray: the start itself is tried too
+            own.append(Solution(there, 0, 1, GIVEN))
     points = coarse_design(space, problem.start, problem.scales, problem.fixed, problem.shapes)
     found = search(evaluator, space, locals_, points, 2, iterations=6, decrease=2.0)
     grid = ridge_grid(space, space.to_values(found[0].state.u), problem.fixed) if found else []
@@ -108,10 +112,16 @@ def _alike(start: State, other: State) -> bool:
     return bool(np.abs(start.u - other.u).max() < ELSEWHERE or (other.curved and returned(other)(start)))
 
 
-def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, float]) -> tuple[Solution, tuple] | None:
-    """Fit the whole trials from the best start, and from the others that are about as good but elsewhere."""
-    best: tuple[Solution, tuple[TrialModel, ...]] | None = None
+def _whole(
+    problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, float], known: Found | None
+) -> Found | None:
+    """Fit the whole trials from the best start, and from the others that are about as good but elsewhere.
+
+    A search that comes where another was, or where ``known`` is, ends there.
+    """
+    best, least = known, np.inf
     tried: list[Solution] = []
+    minima = [returned(known[0].state)] if known else []
     rival = RIVAL if problem.mechanism.memory else np.inf  # jumps at a sample more or less: windows rank poorly
     for start in starts:
         poor = start.state.cost > starts[0].state.cost + rival and start.reason != GIVEN
@@ -127,7 +137,12 @@ def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, fl
         first = evaluate(start.state.u, locals_, True)
         if first is None:
             continue
-        found = descend(evaluate, first, problem.space.limits, best[0].state.cost if best else np.inf)
+        found = descend(
+            evaluate, first, problem.space.limits, least, lambda state: any(visited(state) for visited in minima)
+        )
+        least = min(least, found.state.cost)
+        if found.reason != KNOWN:
+            minima.append(returned(found.state))
         if best is None or found.state.cost < best[0].state.cost:
             best = found, models
     return best
@@ -138,6 +153,7 @@ def maximum_likelihood(
     recording: Recording | None = None,
     *,
     start: Mapping[str, float] | None = None,
+    known: Found | None = None,
     **options,
 ) -> Estimate:
     """Estimate the free parameters by maximum likelihood on simulated trajectories.
@@ -149,6 +165,8 @@ def maximum_likelihood(
         mechanism: the model, or a :class:`Problem`.
         recording: what was measured; not with a problem.
         start: parameter values to start from as well, by name (a trained PE's).
+        known: a minimum of the problem's likelihood at its noise levels, which the search is to beat, with the models
+            of its trials.
         options: see :class:`Problem`.
 
     Returns:
@@ -166,9 +184,9 @@ def maximum_likelihood(
     else:
         problem = Problem(mechanism, recording, **options)
     before = problem.simulations
-    starts = find_start(problem, start)
+    starts = find_start(problem, start, asis=known is None)
     sigmas = first_sigmas(problem, starts[0].state) if starts else dict(problem.sigmas)
-    best = _whole(problem, starts, sigmas) if starts else None
+    best = _whole(problem, starts, sigmas, known)
     if best is None:
         return failed(problem, began, before)
     solution, models = best

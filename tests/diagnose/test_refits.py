@@ -166,6 +166,17 @@ def test_rivals_within_reach_are_searched_anew_and_those_that_gain_nothing_are_n
     assert tries.searched == [drag, ripple]
 
 
+@pytest.mark.parametrize(
+    ("promised", "beside", "searched"), [(16.0, None, False), (26.0, None, True), (9.0, None, True), (16.0, {}, True)]
+)
+def test_rivals_that_all_gained_what_their_score_tests_promised_are_not_searched(tries, promised, beside, searched):
+    tries.found = {"drag": fit(80, 1.0), "ripple": fit(84.5, 1.0)}
+    drag, ripple = option("drag", 0, 2 * 20.0), option("ripple", 1, 2 * promised)
+    ripple.beside = beside
+    refitted(tries.bench, fit(100, 1.0), [[drag], [ripple]], ())
+    assert bool(tries.searched) == searched
+
+
 def test_of_rivals_that_the_score_tests_cannot_tell_apart_one_is_searched_anew(tries):
     offset, bias, drag = fit(80, 1.0), fit(84, 1.0), fit(86, 1.0)
     tries.found = {"com_offset": offset, "sensor_bias": bias, "drag": drag}
