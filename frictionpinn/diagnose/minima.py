@@ -26,6 +26,11 @@ def explained(fits: Sequence[Contender]) -> bool:
     return any(fit.explains for _, fit in fits)
 
 
+def astray(classes: Sequence[Sequence[Tested]]) -> bool:
+    """Whether the score tests that chose these classes were made in a wrong minimum."""
+    return max((group[0].statistic for group in classes), default=0.0) > ASTRAY
+
+
 def gained(before: Fit, fit: Fit) -> float:
     return before.state.cost - fit.state.cost
 
@@ -59,11 +64,11 @@ def out_of_wrong_minima(
     """
     best = min((fit for _, fit in fits), key=lambda fit: fit.state.cost)
     promising = gained(before, best) > PROMISING * (before.state.cost - 0.5 * before.count)
-    trusted = max(group[0].statistic for group in classes) <= ASTRAY
+    trusted = not astray(classes)
     if promising and trusted:
         fits = _searched(bench, before, fits)
     if not explained(fits):
-        _try_others(bench, before, classes, fits, others)
+        try_others(bench, before, classes, fits, others)
     if not ((promising and trusted) or explained(fits)):
         fits = _searched(bench, before, fits)
     return fits
@@ -91,7 +96,7 @@ def _searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Cont
     return found
 
 
-def _try_others(
+def try_others(
     bench: Bench, before: Fit, classes: list[list[Tested]], fits: list[Contender], others: Sequence[Tested]
 ) -> None:
     """Look at the candidates outside the classes, and refit the best, until one explains the residual.

@@ -11,7 +11,18 @@ import numpy as np
 from ..identify.parallel import in_parallel
 from .bench import Bench
 from .fit import Fit
-from .minima import CLOSE, DEEP, explained, gained, looks_at, out_of_wrong_minima, polished, rivals_searched
+from .minima import (
+    CLOSE,
+    DEEP,
+    astray,
+    explained,
+    gained,
+    looks_at,
+    out_of_wrong_minima,
+    polished,
+    rivals_searched,
+    try_others,
+)
 from .restarts import lifted
 from .rivals import Contender, best_of, levelled, mates, twins
 from .scan import Tested
@@ -46,8 +57,12 @@ def refitted(
     left = _promising_first(bench, before, classes)
     if gone := lifted(bench.problem, bench.sizes, before.values) is not None:  # score tests there promise nothing
         left = [*((tested, None) for tested in _asked(beside, classes)), *left]
+        others = [*beside(), *others]
     while left and not explained(fits):
         fits += polished(bench, before, _added(bench, before, *left.pop(0), fits), fits)
+        if others and astray(classes) and any(fit.searched for _, fit in fits) and not explained(fits):
+            try_others(bench, before, classes, fits, others)  # costs less than to refit what ranks behind
+            others = ()
     rest = in_parallel(lambda k: _added(bench, before, *left[k], fits), [1.0] * len(left))
     fits += [pair for found in rest for pair in found]
     solved = explained(fits) and not best_of(fits)[0].candidate.bends
@@ -62,7 +77,7 @@ def refitted(
         if explained(fits):
             fits = rivals_searched(bench, before, fits)
         else:
-            fits = out_of_wrong_minima(bench, before, classes, fits, [*(beside() if gone else ()), *others])
+            fits = out_of_wrong_minima(bench, before, classes, fits, others)
     fits.sort(key=lambda pair: penalised(pair[1]))
     for tested, fit in fits:
         log.info(f"  {tested.candidate.name}: log-likelihood {gained(before, fit):+.1f} on the fitted trials")
@@ -108,7 +123,7 @@ def _promising_first(bench: Bench, before: Fit, classes: list[list[Tested]]) -> 
     The sooner one explains the residual, the less is spent on the others.
     """
     heads = [group[0] for group in classes]
-    if len(heads) < 2 or max(tested.statistic for tested in heads) <= ASTRAY:
+    if len(heads) < 2 or not astray(classes):
         return [(tested, None) for tested in heads]
     looks = zip(heads, looks_at(bench, before, heads), strict=True)
     return sorted(looks, key=lambda pair: np.inf if pair[1] is None else penalised(pair[1]))

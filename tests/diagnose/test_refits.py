@@ -138,6 +138,23 @@ def test_a_leader_that_leaves_little_is_searched_before_any_other_is_tried(tries
     assert tries.refitted == ["drag", "ripple"]  # from where it stands alone: the leader explains all
 
 
+@pytest.mark.parametrize(
+    ("statistic", "order"),
+    [(400.0, ["drag", "constant_force", "ripple"]), (200.0, ["drag", "ripple", "constant_force"])],
+)
+def test_where_the_leader_was_searched_in_vain_and_the_fit_is_astray_the_others_come_before_what_ranks_behind(
+    tries, monkeypatch, statistic, order
+):
+    monkeypatch.setattr(
+        minima, "look", lambda bench, before, t: fit(150) if t.candidate.effect != "ripple" else fit(500)
+    )
+    tries.found = {"drag": fit(100, 20.0), "ripple": fit(500, 60.0), "constant_force": fit(50, 1.0)}
+    classes = [[option("drag", 0, statistic)], [option("ripple", 1, statistic)]]
+    found = refitted(tries.bench, fit(1000, 250.0), classes, [option("constant_force", 2)])
+    assert names(found)[0] == "constant_force"
+    assert list(dict.fromkeys(tries.refitted)) == order
+
+
 def test_where_the_fit_is_astray_a_first_look_says_which_candidate_is_refitted_first(tries, monkeypatch):
     tries.found = {"ripple": fit(200, 60.0), "spring_force": fit(100, 1.0)}
     looks = {"ripple": fit(500), "spring_force": fit(150)}
