@@ -29,7 +29,6 @@ MISFIT = 20.0  # times the noise by differences: residuals over windows that are
 GIVEN = "as given"  # a start that is fitted even where it looks poor over windows
 NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
 
-
 Found = tuple[Solution, tuple[TrialModel, ...]]  # where a search ended, and the models of the trials there
 
 
