@@ -19,7 +19,7 @@ BATCH, AT_ONCE = 8, 2  # candidates looked at before the best of them are refitt
 DEEP = 3  # contenders that are searched anew where no refit explains the residual
 NEAR = 50.0  # log-likelihood: rivals that are searched anew too, should the winner prove to be in a wrong minimum
 CLOSE = 0.7  # of the winner's gain: so near they are at least
-AS_PROMISED = 0.1  # relative: a gain that is as near to what its score test promised was not cut short
+AS_PROMISED = 0.1  # relative: by how much a gain may miss what a score test promised that held
 
 
 def explained(fits: Sequence[Contender]) -> bool:
@@ -129,22 +129,26 @@ def try_others(
 def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Contender]:
     """The fits, the best and those near it searched anew: of two that are much alike one may have stopped short.
 
-    Near is, too, what stopped short of the gain that its score test promised. Where all gained as much as promised the
-    fits lie where the linear model says, and no search finds anything lower.
+    Near is, too, what stopped short of the gain that its score test promised. Where all gained about what was promised,
+    the fits lie where the linear model says: none is searched if the best is ahead by more than that model may err.
     """
+    best = best_of(fits)
     gain = before.state.cost - min(fit.state.cost for _, fit in fits)
-    least = min(penalised(fit) for _, fit in fits)
+    least = penalised(best[1])
     reach_ = least + min(NEAR, CLOSE * gain)  # those that gain nothing are no rivals
 
     def hoped(pair: Contender) -> float:
         tested, fit = pair
-        told = tested.beside is None and tested.statistic < ASTRAY  # in a wrong minimum a score test promises anything
+        told = tested.beside is None and (tested.statistic < ASTRAY or _as_promised(before, pair))
         promised = before.state.cost - tested.statistic / 2 if told else fit.state.cost
         return penalised(fit) - max(fit.state.cost - promised, 0.0)
 
+    def clear(pair: Contender) -> bool:
+        return _as_promised(before, pair) and (pair is best or hoped(pair) > least + AS_PROMISED * gain)
+
     fits = sorted(fits, key=hoped)
     near = sum(hoped(pair) < reach_ for pair in fits[:DEEP])
-    if near < 2 or all(_as_promised(before, pair) for pair in fits[:near]):
+    if near < 2 or all(clear(pair) for pair in fits[:near]):
         return fits
     # Of those that the score tests do not tell apart one is searched anew, the others from there.
     heads = [k for k in range(near) if not any(twins(fits[j][0], fits[k][0]) for j in range(k))]
@@ -156,6 +160,7 @@ def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> lis
 
 
 def _as_promised(before: Fit, pair: Contender) -> bool:
+    """Whether it gained about what its score test promised; one in a wrong minimum may promise anything."""
     tested, fit = pair
     promised = tested.statistic / 2
     return tested.beside is None and abs(gained(before, fit) - promised) < AS_PROMISED * promised

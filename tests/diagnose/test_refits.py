@@ -184,14 +184,33 @@ def test_rivals_within_reach_are_searched_anew_and_those_that_gain_nothing_are_n
 
 
 @pytest.mark.parametrize(
-    ("promised", "beside", "searched"), [(16.0, None, False), (26.0, None, True), (9.0, None, True), (16.0, {}, True)]
+    ("cost", "promised", "beside", "searched"),
+    [
+        (84.5, 16.0, None, False),
+        (84.5, 26.0, None, True),
+        (84.5, 9.0, None, True),
+        (84.5, 16.0, {}, True),
+        (81.0, 20.0, None, True),  # too near to be told apart by the linear model
+    ],
 )
-def test_rivals_that_all_gained_what_their_score_tests_promised_are_not_searched(tries, promised, beside, searched):
-    tries.found = {"drag": fit(80, 1.0), "ripple": fit(84.5, 1.0)}
+def test_rivals_that_all_gained_what_their_score_tests_promised_are_not_searched_where_the_best_is_ahead(
+    tries, cost, promised, beside, searched
+):
+    tries.found = {"drag": fit(80, 1.0), "ripple": fit(cost, 1.0)}
     drag, ripple = option("drag", 0, 2 * 20.0), option("ripple", 1, 2 * promised)
     ripple.beside = beside
     refitted(tries.bench, fit(100, 1.0), [[drag], [ripple]], ())
     assert bool(tries.searched) == searched
+
+
+def test_a_rival_that_stopped_just_short_of_a_promise_that_held_is_searched_though_the_fit_is_astray(
+    tries, monkeypatch
+):
+    monkeypatch.setattr(minima, "look", lambda bench, before, t: fit(9500))
+    ripple, gradient = fit(9410, 1.0), fit(9464, 1.0)
+    tries.found, tries.better = {"ripple": ripple, "position_friction": gradient}, {id(gradient): fit(9300, 1.0)}
+    classes = [[option("ripple", 0, 2 * 2520.0)], [option("position_friction", 1, 2 * 2540.0)]]
+    assert names(refitted(tries.bench, fit(11980, 70.0), classes, ())) == ["position_friction", "ripple"]
 
 
 def test_of_rivals_that_the_score_tests_cannot_tell_apart_one_is_searched_anew(tries):
