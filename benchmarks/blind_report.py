@@ -17,6 +17,7 @@ MENDED = {
     "constant_force": (23, 33, 37),
     "payload": (17, 27, 30),
     "low_speed": (36,),
+    "position_friction": (72,),
     "sensor_bias": (29,),
 }
 UNSEEN = 16
