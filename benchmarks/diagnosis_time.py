@@ -3,7 +3,8 @@
     python benchmarks/diagnosis_time.py [--from-seed 72] [--repeats 1] [--slowest] [--only clean,drag,...]
 
 Blind recordings as in blind.py: a clean one and one of every effect that it names; ``--slowest`` those that took
-longest of all that were tried. Beside each, how fast the machine was just before: 1e7 additions in a loop of Python.
+longest of all that were tried. Beside each, the processor time of the command, since other work may share the machine,
+and how fast that was just before: 1e7 additions in a loop of Python.
 Writes benchmarks/results/diagnosis_time.txt (about a minute per recording), with ``--slowest``
 diagnosis_time_slowest.txt.
 """
@@ -13,6 +14,7 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import resource
 import time
 
 import numpy as np
@@ -33,14 +35,21 @@ def additions_s() -> float:
     return time.perf_counter() - began
 
 
+def processor_s() -> float:
+    """Processor time of all commands so far, s."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 def report(cases: list[dict], name: str) -> None:
     lines = [
         f"{platform.processor() or platform.machine()}, {len(os.sched_getaffinity(0))} cores; s",
-        f"{'recording':28s}{'diagnosis':>10s}{'command':>9s}{'1e7 additions':>15s}  right",
+        f"{'recording':28s}{'diagnosis':>10s}{'command':>9s}{'processor':>11s}{'1e7 additions':>15s}  right",
     ]
     for c in cases:
         lines.append(
-            f"{c['kind']:22s}{c['seed']:6d}{c['diagnosis_s']:10.1f}{c['command_s']:9.1f}{c['additions_s']:15.2f}"
+            f"{c['kind']:22s}{c['seed']:6d}{c['diagnosis_s']:10.1f}{c['command_s']:9.1f}{c['processor_s']:11.1f}"
+            f"{c['additions_s']:15.2f}"
             f"  {'yes' if right(c) else 'NO'}"
         )
     seconds = np.array([c["diagnosis_s"] for c in cases])
@@ -67,8 +76,9 @@ def main() -> None:
     run(*tasks[0])  # whatever is not compiled yet
     cases = []
     for kind, seed in tasks:
-        speed = additions_s()
-        cases.append({**run(kind, seed), "additions_s": speed})
+        speed, before = additions_s(), processor_s()
+        case = run(kind, seed)
+        cases.append({**case, "additions_s": speed, "processor_s": processor_s() - before})
         report(cases, "diagnosis_time_slowest.txt" if args.slowest else "diagnosis_time.txt")
 
 
