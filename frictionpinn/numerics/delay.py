@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
 from .paths import DEGREE, Directions
 
 _NODES = (1 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2  # ends included: the shifted pieces join
 _FROM_NODES = np.linalg.inv(_NODES[:, None] ** np.arange(DEGREE + 1))
-_F1, _F3, _I2 = types.float64[::1], types.float64[:, :, ::1], types.int64[:, ::1]
-_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}  # compiled where something is late
 
 
 def shift_pieces(t: np.ndarray, coefficients: np.ndarray, shift: float, *, rate: bool = False) -> np.ndarray:
@@ -63,7 +62,7 @@ def shift_directions(t: np.ndarray, directions: Directions, shifts: Mapping[int,
     return directions.moved(coefficients, t, support)
 
 
-@njit(types.Tuple((_I2, _F3))(_F1, types.float64, types.boolean), **_OPTIONS)
+@njit(**_OPTIONS)
 def _weights(t, shift, rate):
     """Piece in which each of the six times of a shifted piece lies, (n - 1, 6), and the weights of its powers there."""
     n, count = len(t) - 1, len(_NODES)
@@ -85,7 +84,7 @@ def _weights(t, shift, rate):
     return piece, weights
 
 
-@njit(types.void(_F1, _F3, types.int64[::1], _I2, _F3, types.int64, types.int64, _F3), **_OPTIONS)
+@njit(**_OPTIONS)
 def _shifted(t, given, columns, piece, weights, first, last, made):
     """Pieces first to last of the shifted columns into ``made``."""
     count = given.shape[2]
