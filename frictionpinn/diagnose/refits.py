@@ -26,14 +26,13 @@ from .minima import (
 from .restarts import lifted
 from .rivals import Contender, best_of, levelled, mates, twins
 from .scan import Tested
-from .tries import ASTRAY, add, better, leaves_little, penalised, reach
+from .tries import ASTRAY, SHORT, add, better, leaves_little, penalised, reach
 
 log = logging.getLogger(__name__)
 
 CONTENDERS = 7  # candidates that are refitted in a round
 WORTH = 0.5, 0.25  # of the best statistic: candidates with less are not refitted; where the fit is astray
 MATES = 3  # of the best contender, if it leaves more than noise: refitted too
-SHORT = 12  # iterations of a try beside a candidate that leaves little
 LIFTED = 3  # candidates tried beside a friction that had vanished
 
 

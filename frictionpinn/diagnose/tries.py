@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from .scan import Tested
 ASTRAY = 300.0  # statistic from which the fit is taken to be in a wrong minimum for want of the effect
 NEARLY = 0.1  # of the correlation before: a refit that leaves less explains nearly all
 ROUGH = 6  # iterations of a first look
+SHORT = 12  # iterations of a try that may be given up
 
 
 def penalised(fit: Fit) -> float:
@@ -30,6 +31,14 @@ def better(*fits: Fit | None) -> Fit | None:
 def leaves_little(before: Fit, fit: Fit) -> bool:
     """Whether what is left to do is to polish the fit, not to look elsewhere."""
     return fit.explains or fit.correlation < NEARLY * before.correlation
+
+
+def tried(bench: Bench, fit: Fit, names: Sequence[str], values: Mapping[str, float], near: float) -> Fit | None:
+    """Refit, given up after a short try that does not bring the cost below ``near``."""
+    found = bench.refit(fit, names, values, iterations=SHORT)
+    if found is None or found.state.cost > near:
+        return found
+    return better(found, bench.refit(found, found.names, found.values))
 
 
 def look(bench: Bench, fit: Fit, tested: Tested) -> Fit | None:

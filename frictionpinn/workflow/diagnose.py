@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -87,7 +86,7 @@ def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out:
     write_json(folder / "result.json", result)
     mathml = "<br>".join(in_mathml(e) for e in equations)
     page = write_page(folder / "report.html", result, headline(d), mathml, paths)
-    dashboard(folder / "tensorboard", d, result, paths)
+    dashboard(folder / "tensorboard", d, paths)
     log.info(headline(d))
     for effect in result["effects"]:
         for name, p in effect["parameters"].items():
@@ -164,21 +163,14 @@ def separate(name: str, others: list[str]) -> str:
     return "; ".join(f"{n}: {text.rstrip('.')}" for n, text in told.items() if text) + "."
 
 
-def dashboard(folder: Path, d: Diagnosis, result: Mapping[str, Any], figures: list[Path]) -> None:
+def dashboard(folder: Path, d: Diagnosis, figures: list[Path]) -> None:
     """Errors, evidence and figures for TensorBoard."""
-    import matplotlib.image
-    from torch.utils.tensorboard import SummaryWriter
+    from .event_files import write_events
 
-    with SummaryWriter(str(folder)) as writer:
-        for name, entry in d.errors.items():
-            for step, key in enumerate(("before", "after")):
-                writer.add_scalar(f"error/{name}", entry[key], step)
-        for t in d.selection.first.tested:
-            writer.add_scalar(f"evidence/{t.candidate.name}", -t.log_p, 0)
-        for path in figures:
-            image = matplotlib.image.imread(path)[:, :, :3]
-            writer.add_image(f"diagnosis/{path.stem}", image, dataformats="HWC")
-        writer.add_text("verdict", headline(d))
+    scalars = {f"error/{name}": [entry["before"], entry["after"]] for name, entry in d.errors.items()}
+    scalars |= {f"evidence/{t.candidate.name}": [-t.log_p] for t in d.selection.first.tested}
+    images = {f"diagnosis/{path.stem}": path for path in figures}
+    write_events(folder, scalars, images, {"verdict": headline(d)})
 
 
 def split(recording: Recording, data: Config) -> tuple[Recording, Recording]:

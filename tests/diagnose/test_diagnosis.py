@@ -13,6 +13,7 @@ import pytest
 import sympy as sp
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
@@ -112,6 +113,14 @@ def test_the_command_reads_a_file_and_writes_what_it_promises(tmp_path):
     assert "Missing: asymmetric_viscous" in done.stdout
     page = (folder / "report.html").read_text()
     assert "<math" in page and page.count("data:image/png") == 5 and "http" not in page.replace("http://www.w3", "")
+    events = EventAccumulator(str(folder / "tensorboard")).Reload()
+    assert {event.step: event.value for event in events.Scalars("error/x")}[1] == pytest.approx(
+        result["errors"]["x"]["after"]
+    )
+    assert events.Scalars("evidence/asymmetric_viscous")[0].value > 4
+    assert len(events.Tags()["images"]) == 5 and events.Images("diagnosis/error")[0].width > 300
+    (verdict,) = events.Tensors("verdict/text_summary")
+    assert verdict.tensor_proto.string_val[0].decode().startswith("Missing: asymmetric_viscous")
     mechanism, values = load_augmented(folder / "augmented.yaml")
     t = np.arange(300) / 300.0
     run = Simulator(mechanism).simulate(t, {"force": 5 * np.sin(6 * t)}, values)
