@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from ..data.recording import Recording
-from ..identify.explore import moved
+from ..identify.explore import explore, moved
 from ..identify.likelihood import find_start, maximum_likelihood
 from ..identify.problem import Problem, in_parallel
 from ..identify.result import FAILED
-from ..identify.solve import KNOWN, Evaluate, Solution, levenberg_marquardt, reduced
+from ..identify.solve import KNOWN, Evaluate, Solution, State, levenberg_marquardt, reduced
 from ..identify.space import Space
 from ..identify.start import default_bounds
 from ..identify.trial import TrialModel
@@ -179,8 +179,8 @@ class Bench:
         if new is None:
             new = fit
         elif fit.searched and max(abs(np.log(sigmas[name] / fit.sigmas[name])) for name in sigmas) < WEIGHED:
-            return replace(new, minima=fit.minima, searched=True)
-        found = self._anew(new)
+            return replace(new, minima=fit.minima, searched=True) if fit.minima else self._around(new)
+        found = self._anew(new, True)
         return replace(new, searched=True) if found is None or found.state.cost > new.state.cost else found
 
     def without(self, fit: Fit, gone: Sequence[str], held: Sequence[str] = ()) -> Fit:
@@ -227,7 +227,16 @@ class Bench:
         lower = [f for f in (anew, *found) if f is not None and f.state.cost < fit.state.cost]
         return min(lower, key=lambda f: f.state.cost, default=None)
 
-    def _anew(self, fit: Fit) -> Fit | None:
+    def _around(self, fit: Fit) -> Fit:
+        """The lowest minimum that restarts around the fit find."""
+        problem = self.problem_of(self.problem, fit.names, fit.values, fit.models[0].simulator)
+        evaluate = self._evaluator(problem, fit.models, fit.sigmas)
+        minima = explore(evaluate, Solution(fit.state, 0, 0, KNOWN), problem.space.limits)
+        state = minima[0].state
+        return replace(fit, values=problem.values(state.u), state=state, minima=tuple(minima), searched=True)
+
+    def _anew(self, fit: Fit, thorough: bool = False) -> Fit | None:
+        """A search from all starts; around what leaves more than noise only where it is ``thorough``."""
         simulator = self.parts.of(fit.names, fit.values)
         problem = self.problem_of(self.problem, fit.names, fit.values, simulator)
         problem.trials = self.equipped(problem.trials, simulator)
@@ -238,13 +247,18 @@ class Bench:
         problem.start, problem.given = start, dict(fit.sigmas)
         problem.sigmas = dict(fit.sigmas)
         known = (Solution(fit.state, 0, 0, KNOWN), fit.models) if fit.state.curved else None
-        estimate = maximum_likelihood(problem, start=start, known=known)
+
+        def promising(state: State) -> bool:
+            return thorough or replace(fit, state=state).explains
+
+        estimate = maximum_likelihood(problem, start=start, known=known, promising=promising)
         if estimate.outcome == FAILED:
             return None
         details = estimate.details
         values = problem.values(details["state"].u)
         found = Fit(problem.names, values, details["models"], details["state"], dict(fit.sigmas))
-        return replace(found, minima=details["minima"], searched=True)
+        minima = details["minima"] if promising(found.state) else ()
+        return replace(found, minima=minima, searched=True)
 
     def simulate(self, fit: Fit, strict: bool = False) -> list[Simulation]:
         """Every trial at the fit; ``strict`` with every candidate, where sensitivities to any are to be added."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -153,6 +153,7 @@ def maximum_likelihood(
     *,
     start: Mapping[str, float] | None = None,
     known: Found | None = None,
+    promising: Callable[[State], bool] = lambda state: True,
     **options,
 ) -> Estimate:
     """Estimate the free parameters by maximum likelihood on simulated trajectories.
@@ -166,6 +167,7 @@ def maximum_likelihood(
         start: parameter values to start from as well, by name (a trained PE's).
         known: a minimum of the problem's likelihood at its noise levels, which the search is to beat, with the models
             of its trials.
+        promising: whether it is worth to look for others around the minimum that was found.
         options: see :class:`Problem`.
 
     Returns:
@@ -189,8 +191,10 @@ def maximum_likelihood(
     if best is None:
         return failed(problem, began, before)
     solution, models = best
-    minima = explore(_evaluator(problem, models, problem.joint, sigmas), solution, problem.space.limits)
-    solution = minima[0]
+    minima = [solution]
+    if promising(solution.state):
+        minima = explore(_evaluator(problem, models, problem.joint, sigmas), solution, problem.space.limits)
+        solution = minima[0]
     estimated = len(problem.given) < len(problem.sigmas)
     if not estimated:
         evaluate = _evaluator(problem, models, problem.joint, sigmas)

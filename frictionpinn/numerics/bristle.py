@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .codegen import Kernels
-
-_CREEP = 1e-12
-_SETTLED = 1e-12  # relative change of z that ends the search for its root
+from .codegen import Kernels, pointer
 
 
 def resting_states(kernels: Kernels, start: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -36,26 +33,11 @@ def steady_bristle(kernels: Kernels, start: np.ndarray, u: np.ndarray, p: np.nda
     """
     if not kernels.mechanism.memory:
         return 0.0
+    from . import bristle_recursions  # compiles on a new installation: not before it is needed
+
+    newton, outputs = pointer(kernels.plain.newton), pointer(kernels.plain.outputs)
     m, u = len(kernels.mechanism.free), np.ascontiguousarray(u)
-    state = np.append(start[:-1], 0.0)
-    if _slip(kernels, state, u, p) != 0:
-        return _sliding(kernels, state, u, p)
-    balance = _root(kernels, state, u, p, slice(0, m))
-    if balance == 0.0:
-        return 0.0
-    creeping = state.copy()
-    for j in range(m):
-        moved = state.copy()
-        moved[m + j] += 1.0
-        creeping[m + j] += np.sign(balance) * _CREEP * _slip(kernels, moved, u, p)
-    limit = _sliding(kernels, creeping, u, p)
-    return balance if abs(balance) <= abs(limit) else limit
-
-
-def _slip(kernels: Kernels, state: np.ndarray, u: np.ndarray, p: np.ndarray) -> float:
-    out = np.zeros(3)
-    kernels.plain.outputs(state, np.zeros(kernels.sizes[1]), u, p, out)
-    return float(out[0])
+    return bristle_recursions.steady(newton, outputs, start, u, p, m)
 
 
 def _rows(kernels: Kernels, state: np.ndarray, u: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -64,25 +46,3 @@ def _rows(kernels: Kernels, state: np.ndarray, u: np.ndarray, p: np.ndarray) -> 
     out = np.zeros(n_w + n_w * (n_s + n_w) + 1)
     kernels.plain.newton(state, np.zeros(n_w), np.ascontiguousarray(u), p, out)
     return out[:n_w], out[n_w : n_w + n_w * n_s].reshape(n_w, n_s)
-
-
-def _root(kernels: Kernels, state: np.ndarray, u: np.ndarray, p: np.ndarray, which: slice) -> float:
-    """The z at which these rows vanish in the least-squares sense, by Newton's method; 0 where z does not enter them.
-
-    One step is enough for the laws, which are linear in z; a gap takes a few.
-    """
-    state = state.copy()
-    for _ in range(30):
-        rows, slopes = _rows(kernels, state, u, p)
-        rows, own = rows[which], slopes[which, -1]
-        if not own.any():
-            return 0.0
-        change = -float(rows @ own) / float(own @ own)
-        if abs(change) <= _SETTLED * abs(state[-1]):
-            break
-        state[-1] += change
-    return float(state[-1])
-
-
-def _sliding(kernels: Kernels, state: np.ndarray, u: np.ndarray, p: np.ndarray) -> float:
-    return _root(kernels, state, u, p, slice(-1, None))

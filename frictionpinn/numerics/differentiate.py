@@ -112,6 +112,15 @@ def start_sensitivity(
         moving.discard(len(start) - 1)
     if not moving:
         return result
+    if moving == {len(start) - 1}:  # the bristle alone
+        from . import bristle_recursions  # compiles on a new installation: not before it is needed
+
+        newton, outputs = pointer(kernels.plain.newton), pointer(kernels.plain.outputs)
+        result[-1] += bristle_recursions.steady_changes(
+            newton, outputs, start, np.ascontiguousarray(u), p, len(kernels.mechanism.free), wanted.columns,
+            wanted.states, np.ascontiguousarray(wanted.directions.coefficients[:, 0, :, 0]),
+        )  # fmt: skip
+        return result
     rows = sorted(moving)
     first = len(wanted.names) - len(wanted.directions)
     for c in range(len(wanted.names)):

@@ -126,8 +126,9 @@ class Simulator:
         solve = STRICT if strict or wanted.names else PLAIN
         found = integrate_path(self.kernels, path, vector, start, (rtol, atol, solve), steps, self._count)
         truth = observed(self.kernels, path, recorded, vector, *found)
-        known = self._known(truth.signals, truth.F)
-        result = replace(truth, signals=truth.signals | self._sensors.read(path.t, known, vector))
+        result = truth
+        if shown := self._sensors.read(path.t, self._known(truth.signals, truth.F), vector):
+            result = replace(truth, signals=truth.signals | shown)
         if not wanted.names:
             return result
         steady = z0 == "steady" and "z" not in y0
@@ -218,7 +219,7 @@ class Simulator:
     def _path(self, t: np.ndarray, inputs: InputPath | Mapping[str, np.ndarray]) -> InputPath:
         if not isinstance(inputs, InputPath):
             return InputPath.from_signals(self.mechanism, t, inputs)
-        if inputs.names != self.mechanism.input_signals or not np.array_equal(inputs.t, t):
+        if inputs.names != self.mechanism.input_signals or not (inputs.t is t or np.array_equal(inputs.t, t)):
             raise UserError(
                 "input path of another mechanism or other times",
                 where="inputs",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import cache
 from types import ModuleType
 
 import numpy as np
@@ -22,6 +23,7 @@ PLAIN, STRICT, REPEATED = 1e-2, 1e-5, 1e-12
 _NO_STEPS = Steps(np.empty(0, np.int64), np.empty((0, 2)), np.empty((0, 0, 0)))
 
 
+@cache
 def _integrator() -> ModuleType:
     """Import on first use: a new installation compiles the integrator then, for all mechanisms at once."""
     log.debug("loading the integrator: the first time on an installation takes about 15 s")
