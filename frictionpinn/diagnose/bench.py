@@ -15,7 +15,7 @@ from ..identify.explore import explore, moved
 from ..identify.likelihood import find_start, maximum_likelihood
 from ..identify.problem import Problem, in_parallel
 from ..identify.result import FAILED
-from ..identify.solve import KNOWN, Evaluate, Solution, State, levenberg_marquardt, reduced
+from ..identify.solve import KNOWN, Evaluate, Solution, levenberg_marquardt, reduced
 from ..identify.space import Space
 from ..identify.start import default_bounds
 from ..identify.trial import TrialModel
@@ -30,6 +30,8 @@ from .restarts import peaked
 LONGEST = 150.0  # times the steps that simulate all trials once: a refit that takes more is given up
 WEIGHED = 0.1  # relative change of the noise levels below which a search at others still counts
 RELAXED = 1e3  # factor by which viscous friction may fall below the bounds of the declared model
+SHORT = 12  # iterations of a try that may be given up
+NEAR = 50.0  # log-likelihood: behind what is to be beaten by more it is
 REFIT: dict[str, Any] = {"iterations": 40, "decrease": 0.05}
 
 
@@ -219,11 +221,12 @@ class Bench:
 
         Of a fit that such a search led to, only a static friction that vanished is brought back.
         """
-        anew = None if fit.searched else self._anew(fit)
+        anew = None if fit.searched else self._anew(fit, fit.explains)
         if anew is not None and anew.state.cost < fit.state.cost and anew.explains and not fit.explains:
             return anew  # out of the wrong minimum
         back = peaked(self.problem, fit.values)
-        found = in_parallel(lambda k: self.refit(fit, fit.names, back[k]), [1.0] * len(back))
+        near = fit.state.cost + NEAR
+        found = in_parallel(lambda k: tried(self, fit, fit.names, back[k], near), [1.0] * len(back))
         lower = [f for f in (anew, *found) if f is not None and f.state.cost < fit.state.cost]
         return min(lower, key=lambda f: f.state.cost, default=None)
 
@@ -235,8 +238,8 @@ class Bench:
         state = minima[0].state
         return replace(fit, values=problem.values(state.u), state=state, minima=tuple(minima), searched=True)
 
-    def _anew(self, fit: Fit, thorough: bool = False) -> Fit | None:
-        """A search from all starts; around what leaves more than noise only where it is ``thorough``."""
+    def _anew(self, fit: Fit, thorough: bool) -> Fit | None:
+        """A search from all starts, and around the lowest minimum that it finds where it is ``thorough``."""
         simulator = self.parts.of(fit.names, fit.values)
         problem = self.problem_of(self.problem, fit.names, fit.values, simulator)
         problem.trials = self.equipped(problem.trials, simulator)
@@ -247,18 +250,13 @@ class Bench:
         problem.start, problem.given = start, dict(fit.sigmas)
         problem.sigmas = dict(fit.sigmas)
         known = (Solution(fit.state, 0, 0, KNOWN), fit.models) if fit.state.curved else None
-
-        def promising(state: State) -> bool:
-            return thorough or replace(fit, state=state).explains
-
-        estimate = maximum_likelihood(problem, start=start, known=known, promising=promising)
+        estimate = maximum_likelihood(problem, start=start, known=known, thorough=thorough)
         if estimate.outcome == FAILED:
             return None
         details = estimate.details
         values = problem.values(details["state"].u)
         found = Fit(problem.names, values, details["models"], details["state"], dict(fit.sigmas))
-        minima = details["minima"] if promising(found.state) else ()
-        return replace(found, minima=minima, searched=True)
+        return replace(found, minima=details["minima"] if thorough else (), searched=True)
 
     def simulate(self, fit: Fit, strict: bool = False) -> list[Simulation]:
         """Every trial at the fit; ``strict`` with every candidate, where sensitivities to any are to be added."""
@@ -268,6 +266,15 @@ class Bench:
             return model.simulate(fit.values, fit.locals[k], strict=strict)
 
         return in_parallel(work, [len(model.t) for model in fit.models])
+
+
+def tried(bench: Bench, fit: Fit, names: Sequence[str], values: Mapping[str, float], near: float) -> Fit | None:
+    """Refit, given up after a short try that does not bring the cost below ``near``."""
+    found = bench.refit(fit, names, values, iterations=SHORT)
+    if found is None or found.state.cost > near:
+        return found
+    more = bench.refit(found, found.names, found.values)
+    return found if more is None else more
 
 
 def _longer(local: np.ndarray, old: TrialModel, new: TrialModel) -> np.ndarray:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from .bench import Bench
+from .bench import NEAR, Bench, tried
 from .contest import Accepted, Refused, Settings, needed
 from .fit import Fit
-from .minima import NEAR
 from .scan import scan
-from .tries import add, better, tried
+from .tries import add, better
 
 if TYPE_CHECKING:
     from .select import Selection

@@ -80,7 +80,7 @@ def _searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Cont
     First each is fitted from the best's unknowns, which costs a hundredth of a search and may do.
     """
     fits = sorted(fits, key=lambda pair: penalised(pair[1]))
-    fits = sorted([*levelled(bench, fits[:DEEP], True), *fits[DEEP:]], key=lambda pair: penalised(pair[1]))
+    fits = sorted([*levelled(bench, fits[:DEEP], DEEP), *fits[DEEP:]], key=lambda pair: penalised(pair[1]))
     best = penalised(fits[0][1])
     reach_ = best + _margin(before, fits[0][1])
     found: list[Contender] = []
@@ -118,8 +118,8 @@ def try_others(
         last = k + BATCH >= len(left)
         now = looked[:BETTER] if last else [pair for pair in looked[:AT_ONCE] if pair[1].state.cost < limit]
         looked = [pair for pair in looked if not any(pair is one for one in now)]
-        for tested, _ in now:
-            found = add(bench, before, tested, thorough=False)
+        for tested, glance in now:
+            found = add(bench, before, tested, thorough=False, looked=glance)
             classes.append([tested])
             fits += polished(bench, before, [] if found is None else [(tested, found)], fits)
             if explained(fits):
@@ -156,7 +156,7 @@ def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> lis
     better_ = in_parallel(lambda j: searched(bench, fits[heads[j]][1]), [1.0] * len(heads))
     for k, fit in zip(heads, better_, strict=True):
         found[k] = found[k][0], fit
-    return levelled(bench, [*levelled(bench, found, True), *fits[near:]])
+    return levelled(bench, [*found, *fits[near:]], near)
 
 
 def _as_promised(before: Fit, pair: Contender) -> bool:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..identify.parallel import in_parallel
-from .bench import Bench
+from .bench import SHORT, Bench
 from .fit import Fit
 from .minima import (
     CLOSE,
@@ -26,7 +26,7 @@ from .minima import (
 from .restarts import lifted
 from .rivals import Contender, best_of, levelled, mates, twins
 from .scan import Tested
-from .tries import ASTRAY, SHORT, add, better, leaves_little, penalised, reach
+from .tries import ASTRAY, ROUGH, add, better, leaves_little, penalised, reach
 
 log = logging.getLogger(__name__)
 
@@ -93,21 +93,24 @@ def _asked(beside: Callable[[], Sequence[Tested]], classes: list[list[Tested]]) 
 def _added(bench: Bench, before: Fit, tested: Tested, looked: Fit | None, fits: Sequence[Contender]) -> list[Contender]:
     """A candidate refitted, if a first look does not tell that it is out of the question."""
     if not _nearly(before, fits):
-        found = add(bench, before, tested)
+        found = add(bench, before, tested, looked=looked)
     elif looked is not None and gained(before, looked) < WORTH[1] * gained(before, best_of(fits)[1]):
         found = looked
     else:  # it has to be as good from where it stands, or from the best
-        found = _beside_solved(bench, before, tested, fits)
+        found = _beside_solved(bench, before, tested, looked, fits)
     return [] if found is None else [(tested, found)]
 
 
-def _beside_solved(bench: Bench, before: Fit, tested: Tested, fits: Sequence[Contender]) -> Fit | None:
+def _beside_solved(
+    bench: Bench, before: Fit, tested: Tested, looked: Fit | None, fits: Sequence[Contender]
+) -> Fit | None:
     """A candidate beside one that leaves little: a short try, from there too, and the rest where it comes near.
 
     What is much like one that leaves but noise gets no rest here: it is fitted from that one in the end.
     """
     best = best_of(fits)
-    found = add(bench, before, tested, thorough=False, iterations=SHORT)
+    left = SHORT if looked is None else SHORT - ROUGH
+    found = add(bench, before, tested, thorough=False, looked=looked, iterations=left)
     if not explained(fits):
         found = better(found, add(bench, _as(before, best), tested, thorough=False, iterations=SHORT))
     near = found is not None and gained(before, found) >= CLOSE * gained(before, best[1])
@@ -144,8 +147,7 @@ def _nearly(before: Fit, fits: Sequence[Contender]) -> bool:
 def _levelled(bench: Bench, fits: Sequence[Contender]) -> list[Contender]:
     """Fitted from the best what explains or does much the same; all that come next to a best that a search led to."""
     fits = sorted(fits, key=lambda pair: penalised(pair[1]))
-    n = DEEP if fits[0][1].searched else 0
-    return levelled(bench, [*levelled(bench, fits[:n], True), *fits[n:]])
+    return levelled(bench, fits, DEEP if fits[0][1].searched else 0)
 
 
 def _as(before: Fit, found: Contender) -> Fit:
@@ -171,7 +173,7 @@ def _alike_refitted(
             made.append((tested, found))
             group.remove(tested)
             classes.append([tested])
-    return [*(pair for pair in fits if pair is not head), *levelled(bench, made, True)]
+    return [*(pair for pair in fits if pair is not head), *levelled(bench, made, len(made))]
 
 
 def contenders(significant: Sequence[Tested]) -> list[list[Tested]]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ..identify.parallel import in_parallel
-from .bench import Bench
+from .bench import NEAR, Bench, tried
 from .fit import Fit
 from .scan import Tested
 from .score import ALIKE
@@ -22,8 +22,8 @@ def best_of(fits: Sequence[Contender]) -> Contender:
     return min(fits, key=lambda pair: penalised(pair[1]))
 
 
-def levelled(bench: Bench, fits: Sequence[Contender], all_: bool = False) -> list[Contender]:
-    """The fits, those fitted from the best too that explain the residual or do much the same (or all).
+def levelled(bench: Bench, fits: Sequence[Contender], first: int = 0) -> list[Contender]:
+    """The fits, those fitted from the best too that explain the residual or do much the same, and the first so many.
 
     One may have stopped short.
     """
@@ -33,7 +33,7 @@ def levelled(bench: Bench, fits: Sequence[Contender], all_: bool = False) -> lis
         limit = penalised(best[1]) + TOLD
         behind = [
             k for k, (tested, fit) in enumerate(fits)
-            if (all_ or fit.explains or mates(tested, best[0])) and penalised(fit) > limit
+            if (k < first or fit.explains or mates(tested, best[0])) and penalised(fit) > limit
         ]  # fmt: skip
         for k, found in zip(behind, _all_moved(bench, [fits[k] for k in behind], best), strict=True):
             tested, fit = fits[k]
@@ -63,7 +63,8 @@ def moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:
     private = {*tested.candidate.strengths, *tested.candidate.hidden}
     shared = {name: best[1].values[name] for name in fit.names if name in best[1].names and name not in private}
     there = replace(fit, state=replace(fit.state, locals=best[1].locals))
-    return bench.refit(there, fit.names, {**fit.values, **shared, **_alike_strength(tested, best)})
+    values = {**fit.values, **shared, **_alike_strength(tested, best)}
+    return tried(bench, there, fit.names, values, fit.state.cost + NEAR)
 
 
 def _alike_strength(tested: Tested, best: Contender) -> dict[str, float]:

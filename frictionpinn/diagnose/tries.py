@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from .scan import Tested
 ASTRAY = 300.0  # statistic from which the fit is taken to be in a wrong minimum for want of the effect
 NEARLY = 0.1  # of the correlation before: a refit that leaves less explains nearly all
 ROUGH = 6  # iterations of a first look
-SHORT = 12  # iterations of a try that may be given up
 
 
 def penalised(fit: Fit) -> float:
@@ -33,14 +32,6 @@ def leaves_little(before: Fit, fit: Fit) -> bool:
     return fit.explains or fit.correlation < NEARLY * before.correlation
 
 
-def tried(bench: Bench, fit: Fit, names: Sequence[str], values: Mapping[str, float], near: float) -> Fit | None:
-    """Refit, given up after a short try that does not bring the cost below ``near``."""
-    found = bench.refit(fit, names, values, iterations=SHORT)
-    if found is None or found.state.cost > near:
-        return found
-    return better(found, bench.refit(found, found.names, found.values))
-
-
 def look(bench: Bench, fit: Fit, tested: Tested) -> Fit | None:
     """A few iterations with a candidate, from neutral: enough to rank it."""
     names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
@@ -51,10 +42,12 @@ def look(bench: Bench, fit: Fit, tested: Tested) -> Fit | None:
     return min((f for f in fits if f is not None), key=penalised, default=None)
 
 
-def add(bench: Bench, fit: Fit, tested: Tested, thorough: bool = True, **options: Any) -> Fit | None:
+def add(
+    bench: Bench, fit: Fit, tested: Tested, thorough: bool = True, looked: Fit | None = None, **options: Any
+) -> Fit | None:
     """Refit with a candidate's strengths and hidden parameters, from the fit and, where that is astray, from others.
 
-    ``options`` as of :meth:`Bench.refit`.
+    The first refit goes on from where a first look ended, if there was one. ``options`` as of :meth:`Bench.refit`.
     """
     limits, step = reach(tested), tested.step
     names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
@@ -66,7 +59,8 @@ def add(bench: Bench, fit: Fit, tested: Tested, thorough: bool = True, **options
         # From neutral, since Gauss-Newton moves all parameters together; from its step where that fails.
         for share in (0.0, 1.0):
             values = {**base, **tested.shape} | {name: share * value for name, value in step.items()}
-            found = bench.refit(fit, names, bench.clip(values), limits=limits, **options)
+            start, values = (fit, bench.clip(values)) if looked is None else (looked, looked.values)
+            found, looked = bench.refit(start, names, values, limits=limits, **options), None
             if found is not None:
                 tries.append(found)
             if found is not None and found.state.cost < worth:

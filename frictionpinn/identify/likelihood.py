@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from ..errors import UserError
 from ..numerics.simulate import ContactLost, SimulationFailed
 from ..physics.mechanism import Mechanism
 from .assemble import estimated_sigmas, failed, finish
-from .explore import descend, explore, neighbours, returned
+from .explore import ENOUGH, descend, explore, neighbours, returned
 from .problem import Problem
 from .result import Estimate
 from .solve import KNOWN, Evaluate, Solution, State, levenberg_marquardt
@@ -153,7 +153,7 @@ def maximum_likelihood(
     *,
     start: Mapping[str, float] | None = None,
     known: Found | None = None,
-    promising: Callable[[State], bool] = lambda state: True,
+    thorough: bool = True,
     **options,
 ) -> Estimate:
     """Estimate the free parameters by maximum likelihood on simulated trajectories.
@@ -167,7 +167,7 @@ def maximum_likelihood(
         start: parameter values to start from as well, by name (a trained PE's).
         known: a minimum of the problem's likelihood at its noise levels, which the search is to beat, with the models
             of its trials.
-        promising: whether it is worth to look for others around the minimum that was found.
+        thorough: look for others around the minimum that was found.
         options: see :class:`Problem`.
 
     Returns:
@@ -192,14 +192,14 @@ def maximum_likelihood(
         return failed(problem, began, before)
     solution, models = best
     minima = [solution]
-    if promising(solution.state):
+    if thorough:
         minima = explore(_evaluator(problem, models, problem.joint, sigmas), solution, problem.space.limits)
         solution = minima[0]
     estimated = len(problem.given) < len(problem.sigmas)
     if not estimated:
         evaluate = _evaluator(problem, models, problem.joint, sigmas)
         solution = levenberg_marquardt(evaluate, solution.state, problem.space.limits, iterations=20)
-    for _ in range(NOISE_ROUNDS if estimated else 0):
+    for left in reversed(range(NOISE_ROUNDS if estimated else 0)):
         new = estimated_sigmas(problem, models, solution.state)
         change = max(abs(np.log(new[name] / sigmas[name])) for name in new)
         sigmas = new
@@ -207,10 +207,11 @@ def maximum_likelihood(
         first = evaluate(solution.state.u, solution.state.locals, True)
         if first is None:
             break
-        if change < SETTLED:
-            solution = replace(solution, state=first)
+        last = change < SETTLED or not left
+        options = {} if last else {"decrease": ENOUGH}
+        solution = levenberg_marquardt(evaluate, first, problem.space.limits, iterations=20, **options)
+        if last:
             break
-        solution = levenberg_marquardt(evaluate, first, problem.space.limits, iterations=20)
     beside: list[State] = []
     if len(minima) > 1:
         evaluate = _evaluator(problem, models, problem.joint, sigmas)

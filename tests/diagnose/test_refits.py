@@ -11,7 +11,7 @@ import pytest
 from frictionpinn.diagnose import bench as benches
 from frictionpinn.diagnose import minima, refits, rivals
 from frictionpinn.diagnose import tries as tries_
-from frictionpinn.diagnose.bench import Bench
+from frictionpinn.diagnose.bench import Bench, tried
 from frictionpinn.diagnose.candidates import Candidate
 from frictionpinn.diagnose.minima import AT_ONCE, BATCH, BETTER
 from frictionpinn.diagnose.refits import refitted
@@ -266,12 +266,46 @@ def test_a_search_ends_at_a_start_that_explains_only_where_the_fit_did_not(monke
     found = iter([fit(95, 1.0), fit(94, 1.0), fit(50, 1.0)])
     monkeypatch.setattr(benches, "peaked", lambda problem, values: starts)
     seen = []
-    stub = SimpleNamespace(
-        problem=None, refit=lambda *a: seen.append(a) or next(found), _anew=lambda f: seen.append(f) or next(found)
-    )
+
+    def refit(before, names, values, **options):
+        if not options:  # the rest of a try that came near
+            return before
+        seen.append(values)
+        return next(found)
+
+    stub = SimpleNamespace(problem=None, refit=refit, _anew=lambda f, thorough: seen.append(f) or next(found))
     best = Bench.search(stub, fit(100, correlation))
     assert len(seen) == tried
     assert best.state.cost == least
+
+
+@pytest.mark.parametrize(("cost", "count"), [(149.0, 2), (151.0, 1)])
+def test_a_try_goes_on_only_where_it_came_near(cost, count):
+    made = []
+
+    def refit(before, names, values, **options):
+        made.append(options)
+        return fit(cost - len(made))
+
+    found = tried(SimpleNamespace(refit=refit), fit(100), ("mu_c",), {"mu_c": 0.3}, 149.5)
+    assert len(made) == count and found.state.cost == cost - count
+
+
+def test_a_refit_goes_on_from_where_a_first_look_ended(monkeypatch):
+    monkeypatch.setattr(tries_, "lifted", lambda *a: None)
+    began = []
+
+    def refit(before, names, values, **options):
+        began.append((before.state.cost, values["mu_c"]))
+        return fit(300)
+
+    looked = fit(400)
+    looked.values["mu_c"] = 0.37
+    bench = SimpleNamespace(refit=refit, clip=lambda values: values, problem=None, sizes=None, starts=[])
+    before = fit(1000)
+    tries_.add(bench, before, option("drag", 0), thorough=False, looked=looked)
+    tries_.add(bench, before, option("drag", 0), thorough=False)
+    assert began[0] == (400, 0.37) and began[1] == (1000, before.values["mu_c"])
 
 
 def test_friction_that_vanished_is_brought_back_first_and_what_is_significant_there_is_looked_at_before_the_others(
@@ -295,7 +329,7 @@ def test_a_fit_that_was_searched_already_is_only_tried_with_its_static_friction_
     monkeypatch.setattr(benches, "peaked", lambda problem, values: [])
     searched = fit(100)
     searched.searched = True
-    stub = SimpleNamespace(problem=None, _anew=lambda f: pytest.fail("searched again"))
+    stub = SimpleNamespace(problem=None, _anew=lambda *a: pytest.fail("searched again"))
     assert Bench.search(stub, searched) is None
 
 
@@ -319,7 +353,7 @@ def test_a_fit_that_explains_but_stopped_short_starts_from_the_unknowns_of_the_b
     started = []
 
     def refit(there, own, values, **options):
-        if "limits" in options:  # the end of its own try
+        if "limits" in options or "iterations" not in options:  # the end of its own try, or of this one
             return None
         started.append((there.state.locals, values["mu_c"]))
         return fit(100, 1.0)
