@@ -43,10 +43,12 @@ def derivatives(
         model, local = fit.models[k], fit.locals[k]
         path = model.path(local)
         if runs is None:
-            run = simulator.simulate(model.t, path, p, model.initial(p, local), z0="steady", sensitivities=names)
+            y0, contact = model.initial(p, local), model.contact
+            run = simulator.simulate(model.t, path, p, y0, z0="steady", sensitivities=names, contact=contact)
             changes = run.sensitivities
         else:
-            changes = simulator.differentiate(runs[k], path, p, names, steady="z" not in model.start)
+            steady = "z" not in model.start
+            changes = simulator.differentiate(runs[k], path, p, names, steady=steady, contact=model.contact)
         return _weighted(bench, fit, k, changes)
 
     return in_parallel(work, [len(model.t) for model in fit.models])
@@ -65,7 +67,7 @@ def responses(bench: Bench, fit: Fit, candidate: Candidate, along: Sequence[Tang
     """As :func:`derivatives`, in a candidate's strengths at every point of its grid: these side by side."""
 
     def work(k: int) -> Rows:
-        return _weighted(bench, fit, k, along[k].respond(candidate.strengths, candidate.grid))
+        return _weighted(bench, fit, k, along[k].respond(candidate.strengths, candidate.grid, fit.models[k].contact))
 
     return in_parallel(work, [len(model.t) for model in fit.models])
 

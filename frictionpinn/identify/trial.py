@@ -97,6 +97,11 @@ class TrialModel:
                 directions[f"{item.names[0]}[{j}]"] = InputPath(self.base.names, self.t, coefficients)
         object.__setattr__(self, "directions", Directions.of(directions, self.base.coefficients.shape))
 
+    @property
+    def contact(self) -> bool:
+        """Whether a friction force is measured: else derivatives of the motion are enough."""
+        return "F" in self.outputs.values()
+
     def size(self, joint: bool) -> int:
         """Number of local unknowns, with or without the inputs' coefficients."""
         return len(self.states) + (sum(item.basis.size for item in self.inputs) if joint else 0)
@@ -139,18 +144,26 @@ class TrialModel:
         ran: Simulation | None = None,
         **options,
     ) -> Simulation:
-        """Simulate at the parameters and local unknowns, with sensitivities if ``names`` are given.
+        """Simulate at the parameters and local unknowns, with sensitivities of what is measured if ``names`` are given.
 
         ``ran`` is a strict simulation there, to which they are added.
         """
         wanted = [*names, *(f"{state}(0)" for state in self.states)] if names else []
         directions: Any = self.directions if names and joint and self.directions is not None else {}
-        path, y0 = self.path(local), self.initial(p, local)
+        path, y0, contact = self.path(local), self.initial(p, local), self.contact
         if ran is None or not names:
             return self.simulator.simulate(
-                self.t, path, p, y0, z0="steady", sensitivities=wanted, directions=directions, **options
+                self.t,
+                path,
+                p,
+                y0,
+                z0="steady",
+                sensitivities=wanted,
+                directions=directions,
+                contact=contact,
+                **options,
             )
-        changes = self.simulator.differentiate(ran, path, p, wanted, directions, steady="z" not in y0)
+        changes = self.simulator.differentiate(ran, path, p, wanted, directions, steady="z" not in y0, contact=contact)
         return replace(ran, sensitivity_names=(*wanted, *directions), sensitivities=changes)
 
     def evaluate(

@@ -40,11 +40,13 @@ def differentiate(
     steps: Steps,
     wanted: Wanted,
     steady: bool,
+    contact: bool = True,
 ) -> dict[str, np.ndarray]:
     """Return name -> derivatives, shape (n, n_sens), as in ``Simulation.sensitivities``.
 
     The steps are held; apart from that the derivatives are exact. ``steady`` says that the initial bristle state was
-    ``steady_bristle`` and moves with the parameters.
+    ``steady_bristle`` and moves with the parameters; without ``contact``, slip velocity, normal and friction force
+    are left out.
     """
     from . import sensitivity  # compiles on a new installation: not before it is needed
 
@@ -72,23 +74,25 @@ def differentiate(
             steps.size,
             steps.unknowns,
         )
-    kernel = pointer(kernels.sensitivity.output_derivatives)
-    outputs = sensitivity.output_sensitivities(
-        kernel, states, unknowns, path.samples, p, ds, dw, wanted.columns, given.samples, given.support, 3
-    )
+    outputs = None
+    if contact:
+        kernel = pointer(kernels.sensitivity.output_derivatives)
+        outputs = sensitivity.output_sensitivities(
+            kernel, states, unknowns, path.samples, p, ds, dw, wanted.columns, given.samples, given.support, 3
+        )
     if not np.array_equal(given.order, np.arange(len(given.order))):
         first = len(wanted.names) - len(given)
         as_given = np.concatenate([np.arange(first), first + given.order])
-        ds, dw, outputs = ds[:, :, as_given], dw[:, :, as_given], outputs[:, :, as_given]
+        ds, dw = ds[:, :, as_given], dw[:, :, as_given]
+        outputs = None if outputs is None else outputs[:, :, as_given]
     return named(mechanism, ds, dw, outputs)
 
 
-def named(mechanism: Mechanism, ds: np.ndarray, dw: np.ndarray, outputs: np.ndarray) -> dict[str, np.ndarray]:
+def named(mechanism: Mechanism, ds: np.ndarray, dw: np.ndarray, outputs: np.ndarray | None) -> dict[str, np.ndarray]:
     """Derivatives of states, their rates and (slip velocity, normal force, friction force), all (n, ..., n_sens), by
     what they are derivatives of."""
-    m = len(mechanism.free)
-    result = dict(zip(("v_slip", "N", "F"), np.moveaxis(outputs, 1, 0), strict=True))
-    zero = np.zeros(outputs[:, 0].shape)
+    m, zero = len(mechanism.free), np.zeros((len(ds), ds.shape[2]))
+    result = {} if outputs is None else dict(zip(("v_slip", "N", "F"), np.moveaxis(outputs, 1, 0), strict=True))
     result["z"], result["zdot"] = (ds[:, -1], dw[:, -1]) if mechanism.memory else (zero, zero)
     for j, coordinate in enumerate(mechanism.free):
         result.update(zip(coordinate.signals, (ds[:, j], ds[:, m + j], dw[:, j]), strict=True))

@@ -90,6 +90,7 @@ class Simulator:
         atol: float = 1e-6,
         steps: Steps | None = None,
         strict: bool = False,
+        contact: bool = True,
     ) -> Simulation:
         """Integrate the mechanism over the sample times.
 
@@ -111,6 +112,7 @@ class Simulator:
                 little changed: a step that was small enough for Newton's method there is not halved here).
             strict: solve the equations as closely as sensitivities need, see :meth:`differentiate`; with sensitivities
                 always.
+            contact: sensitivities of slip velocity, normal and friction force too.
 
         Raises:
             ContactLost: the normal force reaches zero.
@@ -132,7 +134,7 @@ class Simulator:
         if not wanted.names:
             return result
         steady = z0 == "steady" and "z" not in y0
-        changes = self._changes(result, recorded, path, vector, wanted, steady)
+        changes = self._changes(result, recorded, path, vector, wanted, steady, contact)
         names = (*sensitivities, *directions)
         if names != wanted.names:
             order = [wanted.names.index(name) for name in names]
@@ -148,6 +150,7 @@ class Simulator:
         directions: Mapping[str, InputPath] | Directions = _NONE,
         *,
         steady: bool = True,
+        contact: bool = True,
     ) -> dict[str, np.ndarray]:
         """Sensitivities of a simulation, at its parameters or at others that lead to the same motion.
 
@@ -160,23 +163,32 @@ class Simulator:
             p: parameters, see :meth:`parameters`.
             sensitivities, directions: see :meth:`simulate`.
             steady: whether the initial bristle state was "steady".
+            contact: see :meth:`simulate`.
 
         Returns:
             signal -> derivatives, shape (n, n_sens), see :class:`Simulation`.
         """
         vector = self.parameters(p)
         wanted = self._wanted(sensitivities, directions, inputs, vector)
-        changes = self._changes(run, inputs, self._drive.path(inputs, vector), vector, wanted, steady)
+        changes = self._changes(run, inputs, self._drive.path(inputs, vector), vector, wanted, steady, contact)
         if (names := (*sensitivities, *directions)) == wanted.names:
             return changes
         order = [wanted.names.index(name) for name in names]
         return {name: columns[:, order] for name, columns in changes.items()}
 
     def _changes(
-        self, run: Simulation, inputs: InputPath, path: InputPath, p: np.ndarray, wanted: Wanted, steady: bool
+        self,
+        run: Simulation,
+        inputs: InputPath,
+        path: InputPath,
+        p: np.ndarray,
+        wanted: Wanted,
+        steady: bool,
+        contact: bool,
     ) -> dict[str, np.ndarray]:
-        """Derivatives of everything that a simulation shows, by name."""
-        changes = differentiate(self.kernels, path, p, run.states, run.unknowns, run.steps, wanted, steady)
+        """Derivatives of everything that a simulation shows, by name; without ``contact`` not of what acts there."""
+        contact = contact or self.mechanism.system.massless  # whose sensor shows a force
+        changes = differentiate(self.kernels, path, p, run.states, run.unknowns, run.steps, wanted, steady, contact)
         return self.shown(run, inputs, p, changes, wanted.names)
 
     def _count(self, steps: int) -> None:
@@ -194,13 +206,14 @@ class Simulator:
         truth = dict(inputs.signals)
         for j, c in enumerate(self.mechanism.free):
             truth.update(zip(c.signals, (run.q[:, j], run.v[:, j], run.a[:, j]), strict=True))
-        known, by_truth = self._known(truth, run.F), self._known(changes, changes["F"])
+        known, by_truth = self._known(truth, run.F), self._known(changes, changes.get("F"))
         return dict(changes) | self._sensors.differentiate(inputs.t, known, by_truth, p, tuple(names))
 
-    def _known(self, signals: Mapping[str, np.ndarray], force: np.ndarray) -> dict[str, np.ndarray]:
+    def _known(self, signals: Mapping[str, np.ndarray], force: np.ndarray | None) -> dict[str, np.ndarray]:
         """The signals, and the force of a massless system under its input's name."""
-        massless = self.mechanism.system.massless
-        return dict(signals) | ({item.name: force for item in self.mechanism.system.inputs} if massless else {})
+        if force is None or not self.mechanism.system.massless:
+            return dict(signals)
+        return dict(signals) | {item.name: force for item in self.mechanism.system.inputs}
 
     # what the caller gave -------------------------------------------------------------------------------------
     def _named(self, values: Values, names: tuple[str, ...], where: str) -> dict[str, float]:

@@ -51,12 +51,15 @@ class Tangent:
             kernel, METHOD.a, METHOD.c, coefficients, self.p, m, run.states[0], run.unknowns[0], *steps
         )
 
-    def respond(self, strengths: Sequence[str], shapes: Sequence[Mapping[str, float]]) -> dict[str, np.ndarray]:
+    def respond(
+        self, strengths: Sequence[str], shapes: Sequence[Mapping[str, float]], contact: bool = True
+    ) -> dict[str, np.ndarray]:
         """Sensitivities to the strengths at each of the shapes.
 
         Args:
             strengths: parameters at their neutral values, see :meth:`answers`.
             shapes: values of hidden parameters of their effect, which has no state of its own.
+            contact: see :meth:`Simulator.simulate`.
 
         Returns:
             signal -> derivatives, shape (n, shapes * strengths), the strengths of a shape side by side.
@@ -77,13 +80,15 @@ class Tangent:
             kernel, METHOD.a, n, len(mechanism.free), S, W, U, factors, pivots, rows, values, k, start,
             run.steps.interval, run.steps.size,
         )  # fmt: skip
-        none = Directions.of({}, self.path.coefficients.shape)
-        nowhere = np.full(start.shape[1], -1, dtype=np.int64)
-        outputs = sensitivity.output_sensitivities(
-            pointer(kernels.sensitivity.output_derivatives), run.states, run.unknowns, self.path.samples, self.p,
-            ds, dw, nowhere, none.samples, none.support, 3,
-        )  # fmt: skip
-        outputs += tangent_recursions.direct(kernel, run.states, run.unknowns, self.path.samples, values, k)
+        outputs = None
+        if contact or mechanism.system.massless:
+            none = Directions.of({}, self.path.coefficients.shape)
+            nowhere = np.full(start.shape[1], -1, dtype=np.int64)
+            outputs = sensitivity.output_sensitivities(
+                pointer(kernels.sensitivity.output_derivatives), run.states, run.unknowns, self.path.samples, self.p,
+                ds, dw, nowhere, none.samples, none.support, 3,
+            )  # fmt: skip
+            outputs += tangent_recursions.direct(kernel, run.states, run.unknowns, self.path.samples, values, k)
         return simulator.shown(run, self.inputs, self.p, named(mechanism, ds, dw, outputs), ())
 
     def _start(self, strengths: tuple[str, ...], columns: np.ndarray, values: np.ndarray) -> np.ndarray:
