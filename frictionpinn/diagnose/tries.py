@@ -13,7 +13,7 @@ from .restarts import lifted
 from .scan import Tested
 
 ASTRAY = 300.0  # statistic from which the fit is taken to be in a wrong minimum for want of the effect
-NEARLY = 0.1  # of the correlation before: a refit that leaves less explains nearly all
+NEARLY = 0.2  # of the correlation before: a refit that leaves less explains nearly all
 ROUGH = 6  # iterations of a first look
 
 

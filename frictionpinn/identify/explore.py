@@ -17,6 +17,7 @@ SHORT, LONG = 5, 15  # iterations of a search that may be given up, and that is 
 ENOUGH = 0.03  # gain in log-likelihood below which a search ends: the best minimum is refined later
 SETTLED = 0.2  # log-likelihood: a restart that is as near to the minimum as that has returned to it
 ROUNDS, WORTH = 3, 1.0  # of restarts at most; gain in log-likelihood that is worth another
+SLIGHT = 0.1  # of what is left beyond noise: a gain below is not worth another round either
 PAIRS, SPREAD = 1, 1.5  # of restarts on opposite sides; their distance in standard errors
 NEAR, FORGOTTEN, SAME = 4.0, 6.0, 0.02  # log-likelihood: worth finishing, counted at all; in log u: the same minimum
 
@@ -45,9 +46,15 @@ def explore(evaluate: Evaluate, found: Solution, limits: tuple[np.ndarray, np.nd
 
         others = in_parallel(restarted, [1.0] * len(points))
         minima = sorted([*minima, *(o for o in others if o is not None)], key=lambda solution: solution.state.cost)
-        if not points or minima[0].state.cost > best.state.cost - WORTH:
+        if not points or minima[0].state.cost > best.state.cost - max(WORTH, SLIGHT * _misfit(best.state)):
             break
     return minima
+
+
+def _misfit(state: State) -> float:
+    """Cost beyond that of noise alone, half a unit for every sample; above 0 only where the model lacks something."""
+    count = sum(int(np.count_nonzero(~np.isnan(r))) for piece in state.pieces for r in piece.residuals.values())
+    return state.cost - 0.5 * count
 
 
 def _weakest(state: State) -> tuple[np.ndarray, np.ndarray]:
