@@ -95,3 +95,21 @@ def test_sensitivity_to_the_input_path():
     for output in ("v", "a", "N", "F", "z"):
         expected = (quantity(runs[0], output) - quantity(runs[1], output)) / (2 * h)
         assert np.abs(result.sensitivities[output][:, 1] - expected).max() < 1e-5 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(("system", "left_out"), [("pob", {"v_slip", "N", "F"}), ("drive", {"v_slip", "N", "F"})])
+def test_sensitivities_of_the_motion_do_not_change_where_those_of_the_contact_are_left_out(system, left_out):
+    sim, p = simulator(system, "lugre"), values("lugre")
+    names = ["mu_c", "sigma_1", f"{sim.state_names[0]}(0)"]
+    full = sim.simulate(T, path(sim), p, sensitivities=names)
+    found = sim.simulate(T, path(sim), p, sensitivities=names, contact=False)
+    assert set(full.sensitivities) - set(found.sensitivities) == left_out
+    for signal, derivatives in found.sensitivities.items():
+        assert np.array_equal(derivatives, full.sensitivities[signal])
+    assert np.array_equal(found.F, full.F)
+
+
+def test_the_force_of_an_imposed_motion_keeps_its_sensitivities():
+    sim, p = simulator("damper", "lugre"), values("lugre")
+    full, found = (sim.simulate(T, path(sim), p, sensitivities=["mu_c"], contact=flag) for flag in (True, False))
+    assert np.array_equal(found.sensitivities["F"], full.sensitivities["F"]) and full.sensitivities["F"].any()
