@@ -98,25 +98,31 @@ def _searched(bench: Bench, before: Fit, fits: Sequence[Contender], most: int = 
 
 
 def try_others(
-    bench: Bench, before: Fit, classes: list[list[Tested]], fits: list[Contender], others: Sequence[Tested]
-) -> None:
+    bench: Bench,
+    before: Fit,
+    classes: list[list[Tested]],
+    fits: list[Contender],
+    others: Sequence[Tested],
+    most: int | None = None,
+) -> list[Tested]:
     """Look at the candidates outside the classes, and refit the best, until one explains the residual.
 
     Each becomes a class of its own. They are looked at in batches: of each those are refitted at once that come near
-    the best fit, and in the end the best of the others.
+    the best fit, and in the end the best of the others. Returns those that were not refitted where only the first
+    ``most`` are looked at.
     """
     heads = [group[0] for group in classes]
     seen, unseen = {head.candidate.name for head in heads}, dict[str, Tested]()
     for t in others:
         if t.candidate.name not in seen and (t.beside or not any(twins(head, t) for head in heads)):
             unseen.setdefault(t.candidate.name, t)
-    left = list(unseen.values())
+    left, later = list(unseen.values())[:most], [] if most is None else list(unseen.values())[most:]
     looked: list[Contender] = []
     for k in range(0, len(left), BATCH):
         looks = zip(left[k : k + BATCH], looks_at(bench, before, left[k : k + BATCH]), strict=True)
         looked = sorted([*looked, *((t, f) for t, f in looks if f is not None)], key=lambda pair: penalised(pair[1]))
         limit = before.state.cost - WORTHY * max(gained(before, best_of(fits)[1]), 0.0)
-        last = k + BATCH >= len(left)
+        last = k + BATCH >= len(left) and not later
         now = looked[:BETTER] if last else [pair for pair in looked[:AT_ONCE] if pair[1].state.cost < limit]
         looked = [pair for pair in looked if not any(pair is one for one in now)]
         for tested, glance in now:
@@ -124,7 +130,8 @@ def try_others(
             classes.append([tested])
             fits += polished(bench, before, [] if found is None else [(tested, found)], fits)
             if explained(fits):
-                return
+                return []
+    return [*later, *(tested for tested, _ in looked)]
 
 
 def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Contender]:

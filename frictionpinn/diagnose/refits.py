@@ -12,6 +12,7 @@ from ..identify.parallel import in_parallel
 from .bench import SHORT, Bench
 from .fit import Fit
 from .minima import (
+    BATCH,
     CLOSE,
     DEEP,
     astray,
@@ -57,11 +58,12 @@ def refitted(
     if gone := lifted(bench.problem, bench.sizes, before.values) is not None:  # score tests there promise nothing
         left = [*((tested, None) for tested in _asked(beside, classes)), *left]
         others = [*beside(), *others]
+    asked = not (others and astray(classes))
     while left and not explained(fits):
         fits += polished(bench, before, _added(bench, before, *left.pop(0), fits), fits)
-        if others and astray(classes) and any(fit.searched for _, fit in fits) and not explained(fits):
-            try_others(bench, before, classes, fits, others)  # costs less than to refit what ranks behind
-            others = ()
+        if not asked and any(fit.searched for _, fit in fits) and not explained(fits):
+            others = try_others(bench, before, classes, fits, others, BATCH)  # before what ranks behind is refitted
+            asked = True
     rest = in_parallel(lambda k: _added(bench, before, *left[k], fits), [1.0] * len(left))
     fits += [pair for found in rest for pair in found]
     solved = explained(fits) and not best_of(fits)[0].candidate.bends

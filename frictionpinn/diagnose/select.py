@@ -10,7 +10,7 @@ from functools import cache, partial
 import numpy as np
 
 from ..identify.parallel import in_parallel
-from .bench import Bench
+from .bench import Bench, tried
 from .candidates import Candidate
 from .contest import Accepted, Refused, Settings, contest
 from .drop import drop
@@ -24,6 +24,8 @@ from .tries import better, penalised
 __all__ = ["Accepted", "Refused", "Selection", "Settings", "select"]
 
 SETTLED = 3.0  # log-likelihood that a new search must gain to count
+PROMISED = 0.5  # of what a friction brought back costs: score tests that promise less are not followed beside it
+DEAR = 1.5  # times the cost: a friction brought back that costs more after a short try is given up
 MANY = 100  # shapes of candidates that are left out beside a friction that had vanished
 
 
@@ -157,7 +159,12 @@ def _beside_vanished(
     present = {a.candidate.effect for a in selection.accepted}
     left = [c for c in options if c.effect not in present and c.name not in banned and len(c.grid) < MANY]
     tested = scan(bench, found, left, (), {}).tested
-    return [replace(t, beside=found.values) for t in tested if t.log_p + np.log10(len(options)) < settings.log_p]
+    lost = PROMISED * max(found.state.cost - fit.state.cost, 0.0)  # with it back: a candidate has to make up for that
+    return [
+        replace(t, beside=found.values)
+        for t in tested
+        if t.log_p + np.log10(len(options)) < settings.log_p and t.statistic / 2 > lost
+    ]
 
 
 def _held(bench: Bench, fit: Fit, starts: Sequence[Mapping[str, float]]) -> Fit | None:
@@ -165,7 +172,8 @@ def _held(bench: Bench, fit: Fit, starts: Sequence[Mapping[str, float]]) -> Fit 
 
     def held(k: int) -> Fit | None:
         values = starts[k]
-        return bench.refit(fit, tuple(n for n in fit.names if values[n] == fit.values[n]), values)
+        names = tuple(n for n in fit.names if values[n] == fit.values[n])
+        return tried(bench, fit, names, values, DEAR * fit.state.cost)
 
     return better(*in_parallel(held, [1.0] * len(starts)))
 
