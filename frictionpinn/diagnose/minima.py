@@ -81,7 +81,7 @@ def _searched(bench: Bench, before: Fit, fits: Sequence[Contender], most: int = 
     First each is fitted from the best's unknowns, which costs a hundredth of a search and may do.
     """
     fits = sorted(fits, key=lambda pair: penalised(pair[1]))
-    fits = sorted([*levelled(bench, fits[:most], most), *fits[most:]], key=lambda pair: penalised(pair[1]))
+    fits = sorted([*levelled(bench, fits[:DEEP], DEEP), *fits[DEEP:]], key=lambda pair: penalised(pair[1]))
     best = penalised(fits[0][1])
     reach_ = best + _margin(before, fits[0][1])
     found: list[Contender] = []
