@@ -22,8 +22,8 @@ from blind import NAMED, RESULTS, right, run
 
 LIMIT_S = 60.0  # what a diagnosis may take on two cores
 SLOWEST = {
-    "sensor_bias": (29,), "sensor_delay": (17,), "constant_force": (23, 33, 37), "spring_force": (35,),
-    "asymmetry": (31,), "com_offset": (16, 41), "low_speed": (36,), "payload": (17,),
+    "sensor_bias": (29,), "sensor_delay": (17,), "constant_force": (23, 33, 37, 75), "spring_force": (35, 74),
+    "asymmetry": (31, 74), "com_offset": (16, 41), "low_speed": (36,), "payload": (17,), "sensor_scale": (75,),
 }  # fmt: skip
 
 
