@@ -18,6 +18,7 @@ MENDED = {
     "spring_force": (74,),
     "payload": (17, 27, 30),
     "low_speed": (36,),
+    "drag": (72,),
     "position_friction": (72,),
     "sensor_bias": (29,),
 }

@@ -19,6 +19,7 @@ BATCH, AT_ONCE = 8, 2  # candidates looked at before the best of them are refitt
 DEEP = 3  # contenders that are searched anew where no refit explains the residual
 NEAR = 50.0  # log-likelihood: rivals that are searched anew too, should the winner prove to be in a wrong minimum
 CLOSE = 0.7  # of the winner's gain: so near they are at least
+SHORT_OF = 0.5  # of what its score test promised: a lone contender that gains less is searched anew as well
 AS_PROMISED = 0.1  # relative: by how much a gain may miss what a score test promised that held
 
 
@@ -156,7 +157,9 @@ def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> lis
 
     fits = sorted(fits, key=hoped)
     near = sum(hoped(pair) < reach_ for pair in fits[:DEEP])
-    if near < 2 or all(clear(pair) for pair in fits[:near]):
+    promised = best[0].statistic / 2
+    short = best[0].beside is None and promised < ASTRAY / 2 and gain < SHORT_OF * promised
+    if (near < 2 and not short) or all(clear(pair) for pair in fits[:near]):
         return fits
     # Of those that the score tests do not tell apart one is searched anew, the others from there.
     heads = [k for k in range(near) if not any(twins(fits[j][0], fits[k][0]) for j in range(k))]
