@@ -10,14 +10,11 @@ from .codegen import Kernels, pointer
 def resting_states(kernels: Kernels, start: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Return the initial state with the states of effects where they rest; each enters its own rate linearly."""
     m, count = len(kernels.mechanism.free), len(kernels.mechanism.states)
-    state = start.copy()
     if not count:
-        return state
-    state[2 * m : 2 * m + count] = 0.0
-    rows, slopes = _rows(kernels, state, u, p)
-    own = slopes[m : m + count, 2 * m : 2 * m + count].diagonal()
-    state[2 * m : 2 * m + count] = -rows[m : m + count] / own
-    return state
+        return start.copy()
+    from . import bristle_recursions  # compiles on a new installation: not before it is needed
+
+    return bristle_recursions.rest(pointer(kernels.plain.newton), start, np.ascontiguousarray(u), p, m, count)
 
 
 def steady_bristle(kernels: Kernels, start: np.ndarray, u: np.ndarray, p: np.ndarray) -> float:
@@ -33,16 +30,39 @@ def steady_bristle(kernels: Kernels, start: np.ndarray, u: np.ndarray, p: np.nda
     """
     if not kernels.mechanism.memory:
         return 0.0
-    from . import bristle_recursions  # compiles on a new installation: not before it is needed
+    from . import bristle_recursions  # as above
 
     newton, outputs = pointer(kernels.plain.newton), pointer(kernels.plain.outputs)
     m, u = len(kernels.mechanism.free), np.ascontiguousarray(u)
     return bristle_recursions.steady(newton, outputs, start, u, p, m)
 
 
-def _rows(kernels: Kernels, state: np.ndarray, u: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """R, shape (n_w,), and dR/ds, shape (n_w, n_s), with no acceleration and z' = 0."""
-    n_s, n_w, _, _ = kernels.sizes
-    out = np.zeros(n_w + n_w * (n_s + n_w) + 1)
-    kernels.plain.newton(state, np.zeros(n_w), np.ascontiguousarray(u), p, out)
-    return out[:n_w], out[n_w : n_w + n_w * n_s].reshape(n_w, n_s)
+def start_changes(
+    kernels: Kernels,
+    start: np.ndarray,
+    u: np.ndarray,
+    p: np.ndarray,
+    columns: np.ndarray,
+    states: np.ndarray,
+    directions: np.ndarray,
+    *,
+    steady: bool,
+) -> np.ndarray:
+    """Derivative of what settles of the initial state, shape (n_s, n_c): 0 for the rows that are given.
+
+    Central differences of :func:`resting_states` and, with ``steady``, :func:`steady_bristle`. At rest the bristle
+    jumps with the direction of slip, and its derivative in an initial velocity is left at 0.
+
+    Args:
+        start, u, p: as above.
+        columns, states: index of the parameter and of the initial state that each quantity is, or -1, shape (n_c,).
+        directions: du/dc at the start for the last of them, shape (n_directions, n_u).
+    """
+    m, count, steady = len(kernels.mechanism.free), len(kernels.mechanism.states), steady and kernels.mechanism.memory
+    if not count and not steady:
+        return np.zeros((len(start), len(columns)))
+    from . import bristle_recursions  # as above
+
+    newton, outputs = pointer(kernels.plain.newton), pointer(kernels.plain.outputs)
+    u, directions = np.ascontiguousarray(u), np.ascontiguousarray(directions)
+    return bristle_recursions.changes(newton, outputs, start, u, p, m, count, steady, columns, states, directions)

@@ -1,4 +1,4 @@
-"""Compiled search for the initial bristle state, and its derivatives: see :mod:`.bristle` and :mod:`.differentiate`.
+"""Compiled search for the initial states that are not given, and their derivatives: see :mod:`.bristle`.
 
 numba's cache does not notice a change in a function imported from another file: after editing integrator.py, touch
 this file too.
@@ -66,19 +66,48 @@ def steady(newton, outputs, start, u, p, m):
     return balance if abs(balance) <= abs(limit) else limit
 
 
+@njit(F1(KERNEL, F1, F1, F1, types.int64, types.int64), **OPTIONS)
+def rest(newton, start, u, p, m, count):
+    """The start with that many states of effects where they rest; each enters its own rate linearly."""
+    n_s, n_w = start.shape[0], start.shape[0] - m
+    state = start.copy()
+    if count == 0:
+        return state
+    state[2 * m : 2 * m + count] = 0.0
+    out = np.zeros(n_w + n_w * (n_s + n_w) + 1)
+    newton(state, np.zeros(n_w), u, p, out)
+    for k in range(count):
+        row, own = m + k, 2 * m + k
+        state[own] = -out[row] / out[n_w + row * n_s + own]
+    return state
+
+
+@njit(F1(KERNEL, KERNEL, F1, F1, F1, types.int64, types.int64, types.boolean), **OPTIONS)
+def settled(newton, outputs, start, u, p, m, count, steadied):
+    """The start with the states of effects at rest and, where it is ``steadied``, the bristle steady."""
+    state = rest(newton, start, u, p, m, count)
+    if steadied:
+        state[-1] = steady(newton, outputs, state, u, p, m)
+    return state
+
+
 @njit(
-    F1(KERNEL, KERNEL, F1, F1, F1, types.int64, types.int64[::1], types.int64[::1], F2),
+    F2(KERNEL, KERNEL, F1, F1, F1, types.int64, types.int64, types.boolean, types.int64[::1], types.int64[::1], F2),
     **OPTIONS,
 )
-def steady_changes(newton, outputs, start, u, p, m, columns, states, directions):
-    """Derivative of that state in every quantity, shape (n_c,), by central differences.
+def changes(newton, outputs, start, u, p, m, count, steadied, columns, states, directions):
+    """Derivative of what settles of the start in every quantity, shape (n_s, n_c), by central differences.
 
     Args:
+        count, steadied: see :func:`settled`.
         columns, states: index of the parameter and of the initial state that each quantity is, or -1.
         directions: du/dc at the start for the last of them, shape (n_directions, n_u).
     """
     n_c, n_s = columns.shape[0], start.shape[0]
-    first, result = n_c - directions.shape[0], np.zeros(n_c)
+    first, result = n_c - directions.shape[0], np.zeros((n_s, n_c))
+    settles = np.zeros(n_s, dtype=np.bool_)
+    settles[2 * m : 2 * m + count] = True
+    settles[n_s - 1] |= steadied
     s, inputs, values = start.copy(), u.copy(), p.copy()
     for c in range(n_c):
         size = 0.0
@@ -88,11 +117,11 @@ def steady_changes(newton, outputs, start, u, p, m, columns, states, directions)
         elif columns[c] >= 0:
             value = abs(p[columns[c]])
             size = SHIFT * (value if value > 0.0 else LEAST)
-        elif states[c] >= 0 and states[c] != n_s - 1:
+        elif states[c] >= 0 and not settles[states[c]]:
             size = SHIFT * abs(start[states[c]])
         if size == 0.0:
             continue
-        sides = np.zeros(2)
+        sides = np.zeros((2, n_s))
         for side in range(2):
             shift = size if side == 0 else -size
             if c >= first:
@@ -101,7 +130,9 @@ def steady_changes(newton, outputs, start, u, p, m, columns, states, directions)
                 values[columns[c]] = p[columns[c]] + shift
             else:
                 s[states[c]] = start[states[c]] + shift
-            sides[side] = steady(newton, outputs, s, inputs, values, m)
-        result[c] = (sides[0] - sides[1]) / (2 * size)
+            sides[side] = settled(newton, outputs, s, inputs, values, m, count, steadied)
+        for i in range(n_s):
+            if settles[i]:
+                result[i, c] = (sides[0, i] - sides[1, i]) / (2 * size)
         s[:], inputs[:], values[:] = start, u, p
     return result

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..physics.mechanism import Mechanism
-from .bristle import resting_states, steady_bristle
+from .bristle import start_changes
 from .codegen import Kernels, pointer
 from .paths import Directions, InputPath
 from .simulation import Steps
@@ -104,48 +104,10 @@ def start_sensitivity(
 ) -> np.ndarray:
     """Derivative of the initial state, shape (n_s, n_sens).
 
-    That of a steady bristle, and of the states of effects, is a central difference of its formula; at rest the bristle
-    jumps with the direction of slip, and its derivative in an initial velocity is left at 0.
+    The identity in the states that are given; the others as :func:`.bristle.start_changes` has them.
     """
-    result = np.zeros((len(start), len(wanted.names)))
-    for c, state in enumerate(wanted.states):
-        if state >= 0:
-            result[state, c] = 1.0
-    moving = set(range(2 * len(kernels.mechanism.free), len(start)))
-    if kernels.mechanism.memory and not steady:
-        moving.discard(len(start) - 1)
-    if not moving:
-        return result
-    if moving == {len(start) - 1}:  # the bristle alone
-        from . import bristle_recursions  # compiles on a new installation: not before it is needed
-
-        newton, outputs = pointer(kernels.plain.newton), pointer(kernels.plain.outputs)
-        result[-1] += bristle_recursions.steady_changes(
-            newton, outputs, start, np.ascontiguousarray(u), p, len(kernels.mechanism.free), wanted.columns,
-            wanted.states, np.ascontiguousarray(wanted.directions.coefficients[:, 0, :, 0]),
-        )  # fmt: skip
-        return result
-    rows = sorted(moving)
-    first = len(wanted.names) - len(wanted.directions)
-    for c in range(len(wanted.names)):
-        base = (start, u, p)
-        if c >= first:
-            change, which = wanted.directions.coefficients[c - first, 0, :, 0], 1
-            size = 1e-6 / max(float(np.abs(change).max()), 1e-12)
-        else:
-            which, index = (2, wanted.columns[c]) if wanted.columns[c] >= 0 else (0, wanted.states[c])
-            change = np.eye(len(base[which]))[index]
-            size = 1e-6 * (abs(base[which][index]) or 1e-2 * (which == 2))
-        if size > 0 and change.any() and not (which == 0 and index in moving):
-            shifted = [[x + sign * size * change if i == which else x for i, x in enumerate(base)] for sign in (1, -1)]
-            above, below = (_settled(kernels, *values, steady=steady) for values in shifted)
-            result[rows, c] += ((above - below) / (2 * size))[rows]
+    directions = wanted.directions.coefficients[:, 0, :, 0]
+    result = start_changes(kernels, start, u, p, wanted.columns, wanted.states, directions, steady=steady)
+    given = np.flatnonzero(wanted.states >= 0)
+    result[wanted.states[given], given] += 1.0
     return result
-
-
-def _settled(kernels: Kernels, start: np.ndarray, u: np.ndarray, p: np.ndarray, *, steady: bool) -> np.ndarray:
-    """The initial state with what is not given where it settles."""
-    state = resting_states(kernels, start, u, p).copy()
-    if steady and kernels.mechanism.memory:
-        state[-1] = steady_bristle(kernels, state, u, p)
-    return state

@@ -11,8 +11,8 @@ from frictionpinn.physics.mechanism import Mechanism
 
 
 @cache
-def simulator(system, law, driven=None):
-    return Simulator(Mechanism(SYSTEMS[system](driven=driven), LAWS[law]()))
+def simulator(system, law, driven=None, effects=()):
+    return Simulator(Mechanism(SYSTEMS[system](driven=driven), LAWS[law](), effects))
 
 
 def values(law, **changed):
