@@ -17,7 +17,7 @@ MENDED = {
     "constant_force": (23, 33, 37, 75),
     "spring_force": (74,),
     "payload": (17, 27, 30),
-    "low_speed": (36,),
+    "low_speed": (16, 36, 74, 75),
     "drag": (72,),
     "position_friction": (72,),
     "sensor_bias": (29,),

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from scipy.stats import chi2
 
-from .bench import Bench
+from .bench import NEAR, Bench
 from .candidates import Candidate
 from .fit import Fit
 from .held_out import compared_gains, held_out_gain
-from .minima import DEEP, NEAR
+from .minima import DEEP
 from .refits import contenders, refitted
 from .rivals import Contender
 from .scan import Tested

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ..identify.parallel import in_parallel
-from .bench import Bench
+from .bench import NEAR, Bench
 from .fit import Fit
 from .rivals import Contender, best_of, levelled, moved, twins
 from .scan import Tested
@@ -17,7 +17,6 @@ WORTHY = 0.5  # of the best gain: what looks as good is refitted at once
 BETTER = 5  # candidates outside the classes that are refitted after a first look
 BATCH, AT_ONCE = 8, 2  # candidates looked at before the best of them are refitted, and how many are
 DEEP = 3  # contenders that are searched anew where no refit explains the residual
-NEAR = 50.0  # log-likelihood: rivals that are searched anew too, should the winner prove to be in a wrong minimum
 CLOSE = 0.7  # of the winner's gain: so near they are at least
 SHORT_OF = 0.5  # of what its score test promised: a lone contender that gains less is searched anew as well
 AS_PROMISED = 0.1  # relative: by how much a gain may miss what a score test promised that held
@@ -139,7 +138,8 @@ def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> lis
     """The fits, the best and those near it searched anew: of two that are much alike one may have stopped short.
 
     Near is, too, what stopped short of the gain that its score test promised. Where all gained about what was promised,
-    the fits lie where the linear model says: none is searched if the best is ahead by more than that model may err.
+    the fits lie where the linear model says: none is searched if the best is ahead by more than that model may err. A
+    best that none is near is searched where it stopped far short.
     """
     best = best_of(fits)
     gain = before.state.cost - min(fit.state.cost for _, fit in fits)
@@ -157,9 +157,8 @@ def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> lis
 
     fits = sorted(fits, key=hoped)
     near = sum(hoped(pair) < reach_ for pair in fits[:DEEP])
-    promised = best[0].statistic / 2
-    short = best[0].beside is None and promised < ASTRAY / 2 and gain < SHORT_OF * promised
-    if (near < 2 and not short) or all(clear(pair) for pair in fits[:near]):
+    alone = near < 2 and not _far_short(before, best)
+    if alone or all(clear(pair) for pair in fits[:near]):
         return fits
     # Of those that the score tests do not tell apart one is searched anew, the others from there.
     heads = [k for k in range(near) if not any(twins(fits[j][0], fits[k][0]) for j in range(k))]
@@ -175,6 +174,13 @@ def _as_promised(before: Fit, pair: Contender) -> bool:
     tested, fit = pair
     promised = tested.statistic / 2
     return tested.beside is None and abs(gained(before, fit) - promised) < AS_PROMISED * promised
+
+
+def _far_short(before: Fit, pair: Contender) -> bool:
+    """Whether it gained little of what its score test promised, if that was made where it can be trusted."""
+    tested, fit = pair
+    trusted = tested.beside is None and tested.statistic < ASTRAY
+    return trusted and gained(before, fit) < SHORT_OF * tested.statistic / 2
 
 
 def _margin(before: Fit, best: Fit) -> float:

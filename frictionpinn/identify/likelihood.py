@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -208,8 +209,8 @@ def maximum_likelihood(
         if first is None:
             break
         last = change < SETTLED or not left
-        options = {} if last else {"decrease": ENOUGH}
-        solution = levenberg_marquardt(evaluate, first, problem.space.limits, iterations=20, **options)
+        precision: dict[str, Any] = {} if last else {"decrease": ENOUGH}
+        solution = levenberg_marquardt(evaluate, first, problem.space.limits, iterations=20, **precision)
         if last:
             break
     beside: list[State] = []

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import pytest
 
 from frictionpinn.diagnose import drop as dropping
+from frictionpinn.diagnose import select as selecting
 from frictionpinn.diagnose.candidates import Candidate
 from frictionpinn.diagnose.contest import Accepted, Settings
 from frictionpinn.diagnose.drop import drop
@@ -118,3 +119,26 @@ def test_a_rival_is_compared_at_the_noise_levels_of_the_fit_and_wins_where_its_s
 def test_nothing_is_looked_for_beside_a_friction_that_vanished_once_an_effect_explains_the_residual(selection):
     selection.fit.explains = True
     assert _beside_vanished(None, selection, [RIPPLE], Settings()) == []
+
+
+def test_beside_a_friction_brought_back_what_promises_less_than_half_of_what_that_costs_is_not_followed(
+    selection, monkeypatch
+):
+    selection.fit.explains, selection.accepted = False, []
+    back = fit(("mu_c",), 160.0)  # 60 more than without: a candidate has to promise 30
+
+    @dataclass
+    class Shown:
+        candidate: Candidate
+        statistic: float
+        beside: dict | None = None
+        log_p: float = -10.0
+
+    monkeypatch.setattr(selecting, "lifted", lambda *a: {"mu_c": 0.2})
+    monkeypatch.setattr(selecting, "_held", lambda *a: back)
+    monkeypatch.setattr(
+        selecting, "scan", lambda *a: SimpleNamespace(tested=[Shown(RIPPLE, 2 * 31.0), Shown(SPRING, 2 * 29.0)])
+    )
+    bench = SimpleNamespace(problem=None, sizes=None)
+    (shown,) = _beside_vanished(bench, selection, [RIPPLE, SPRING], Settings())
+    assert shown.candidate is RIPPLE and shown.beside == back.values
