@@ -19,6 +19,7 @@ MENDED = {
     "payload": (17, 27, 30),
     "low_speed": (16, 36, 74, 75),
     "drag": (72,),
+    "adhesion": (73,),
     "position_friction": (72,),
     "sensor_bias": (29,),
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from scipy.stats import chi2
 
 from .bench import NEAR, Bench
@@ -92,7 +93,14 @@ def contest(
         if why:
             refused.append(Refused(tested.candidate, why))
             continue
-        near = [pair for pair in fits[k + 1 :] if penalised(pair[1]) - penalised(fit) < RIVAL]
+        rest = list(fits[k + 1 :])
+        if steadier := _steadier(bench, before, (tested, fit), rest, settings):
+            rest = [pair for pair in rest if pair is not steadier]
+            why = f"predicts held-out trials worse than {steadier[0].candidate.name}"
+            refused.append(Refused(tested.candidate, why))
+            tested, fit = steadier
+            held = held_out_gain(bench, before, fit, settings.gain)
+        near = [pair for pair in rest if _behind(pair, (tested, fit)) < RIVAL]
         (tested, fit), held, near, worse = _decide(bench, before, (tested, fit), held, near)
         gain = before.state.cost - fit.state.cost
         same = next(group for group in classes if group[0] is tested)[1:]
@@ -116,12 +124,40 @@ def _proof(bench: Bench, before: Fit, tested: Tested, fit: Fit, settings: Settin
     return held, ""
 
 
+def _behind(pair: Contender, first: Contender) -> float:
+    return penalised(pair[1]) - penalised(first[1])
+
+
+def _steadier(
+    bench: Bench, before: Fit, first: Contender, others: Sequence[Contender], settings: Settings
+) -> Contender | None:
+    """One that predicts the held-out trials as it was fitted, where the first does so only once its parameters move.
+
+    Such a first is bent to the fitted trials (a static friction above all that they show). The other may lie farther
+    behind than a rival, but has to make up for what is beyond that on the held-out trials.
+    """
+    farther = [pair for pair in others if RIVAL <= _behind(pair, first) < NEAR]
+    if not farther or _predicts(bench, before, first, settings):
+        return None
+    farther = [pair for pair in farther if _predicts(bench, before, pair, settings)]
+    held, *gains = compared_gains(bench, before, [fit for _, fit in (first, *farther)])
+    made_up = [gain - held - (_behind(pair, first) - RIVAL) for pair, gain in zip(farther, gains, strict=True)]
+    best = max(range(len(farther)), key=made_up.__getitem__, default=None)
+    return None if best is None or made_up[best] <= DECISIVE else farther[best]
+
+
+def _predicts(bench: Bench, before: Fit, pair: Contender, settings: Settings) -> bool:
+    """Whether held-out trials, if there are any, improve with the parameters as fitted."""
+    gain = held_out_gain(bench, before, pair[1], -np.inf)
+    return gain is None or gain >= settings.gain
+
+
 def _decide(
     bench: Bench, before: Fit, first: Contender, held: float | None, near: Sequence[Contender]
 ) -> tuple[Contender, float | None, list[Contender], list[Refused]]:
     """Among fits that are about as good, the one that trials which no fit saw prefer; those that they reject."""
     if held is None:
-        level = [first, *(pair for pair in near if penalised(pair[1]) - penalised(first[1]) < TIED)]
+        level = [first, *(pair for pair in near if _behind(pair, first) < TIED)]
         usual = min(level, key=lambda pair: pair[0].candidate.usual)
         return usual, None, [pair for pair in (first, *near) if pair is not usual], []
     if not near:
@@ -131,8 +167,7 @@ def _decide(
     held = judged[0][1]
     winner, best = max(judged[1:], key=lambda item: item[1])
     if best <= held + DECISIVE:
-        least = penalised(first[1])
-        tied = [(pair, gain) for pair, gain in judged if penalised(pair[1]) - least < TIED and held - gain < TIED]
+        tied = [(pair, gain) for pair, gain in judged if _behind(pair, first) < TIED and held - gain < TIED]
         winner, best = min(tied, key=lambda item: item[0][0].candidate.usual)
     others = [(pair, gain) for pair, gain in judged if pair is not winner]
     name = winner[0].candidate.name

@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from .bench import Bench
 from .candidates import Candidate, candidates, effects_for
 from .errors import compare, main_signal
 from .fit import Fit
-from .held_out import check
+from .held_out import check, compared_gains
 from .network import Network, train_network
 from .observe import ranges, scales, simulations
 from .remainder import Remainder, places, remainders
@@ -77,6 +78,11 @@ class Diagnosis:
     def main(self) -> str:
         """The signal by which the error is quoted first."""
         return main_signal(self.bench.mechanism.system, self.errors)
+
+    @cached_property
+    def gain_within_errors(self) -> float:
+        """Log-likelihood that the held-out trials gain where the parameters may move within their errors."""
+        return compared_gains(self.bench, self.selection.base, [self.selection.fit])[0]
 
 
 def diagnose(

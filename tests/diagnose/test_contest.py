@@ -13,17 +13,23 @@ from frictionpinn.diagnose.refits import _best_of_each
 from frictionpinn.diagnose.tries import penalised
 
 
-def contender(effect: str, cost: float, held: float = 0.0):
-    """A candidate and a stub of its fit, which carries what the held-out trials say of it."""
+def contender(effect: str, cost: float, held: float = 0.0, as_fitted: float | None = None):
+    """A candidate and a stub of its fit, which carries what the held-out trials say of it, also as it was fitted."""
     fit = SimpleNamespace(
-        names=("mu_c", effect), count=1000, state=SimpleNamespace(cost=cost), held=held, explains=True
-    )
-    return SimpleNamespace(candidate=Candidate(effect, effect, (effect,)), beside=None), fit
+        names=("mu_c", effect), values={effect: 0.1}, count=1000, state=SimpleNamespace(cost=cost), held=held,
+        as_fitted=held if as_fitted is None else as_fitted, explains=True,
+    )  # fmt: skip
+    candidate = Candidate(effect, effect, (effect,))
+    return SimpleNamespace(candidate=candidate, beside=None, freedom=1, statistic=200.0, log_p=-30.0, step={}), fit
 
 
 @pytest.fixture(autouse=True)
 def held_out(monkeypatch):
+    def gain(bench, before, fit, enough):
+        return fit.as_fitted if fit.as_fitted >= enough else max(fit.as_fitted, fit.held)
+
     monkeypatch.setattr(contest, "compared_gains", lambda bench, before, fits: [fit.held for fit in fits])
+    monkeypatch.setattr(contest, "held_out_gain", gain)
 
 
 def decided(first, *near):
@@ -54,3 +60,27 @@ def test_a_candidate_that_was_refitted_twice_stands_once_with_its_better_fit():
     kept = _best_of_each(pairs)
     assert [(t.candidate.effect, f.state.cost) for t, f in kept] == [("drag", 101.0), ("asymmetry", 103.0)]
     assert penalised(kept[0][1]) < penalised(kept[1][1])
+
+
+@pytest.mark.parametrize(
+    ("bent", "steady", "winner"),
+    [
+        ({"as_fitted": -500.0}, {"held": 80.0}, "adhesion"),
+        ({"as_fitted": 60.0}, {"held": 80.0}, "load_exponent"),  # the first predicts them as well
+        ({"as_fitted": -500.0}, {"held": 80.0, "as_fitted": -3.0}, "load_exponent"),  # the other neither
+        ({"as_fitted": -500.0}, {"held": 74.0}, "load_exponent"),  # 4 better, 3 of which make up for the fitted trials
+    ],
+)
+def test_a_fit_that_predicts_held_out_trials_as_it_is_wins_over_one_that_is_bent_to_the_fitted_ones(
+    monkeypatch, bent, steady, winner
+):
+    fits = [contender("load_exponent", 100.0, 70.0, **bent), contender("adhesion", 109.0, **steady)]
+    monkeypatch.setattr(contest, "refitted", lambda *a: fits)
+    monkeypatch.setattr(contest, "contenders", lambda significant: [[tested] for tested, _ in fits])
+    before = contender("nothing", 300.0)[1]
+    accepted, fit, refused = contest.contest(None, before, (), tuple, (), contest.Settings())
+    assert accepted.candidate.effect == winner and fit is {t.candidate.effect: f for t, f in fits}[winner]
+    if winner == "adhesion":
+        assert [r.candidate.effect for r in refused] == ["load_exponent"] and not accepted.alike
+        assert refused[0].why == "predicts held-out trials worse than adhesion"
+        assert accepted.evidence["gain_fitted"] == 191.0 and accepted.evidence["gain_held_out"] == 80.0

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -17,9 +18,11 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.diagnose import draw
 from frictionpinn.diagnose.augmented import folded, load_augmented, save_augmented
 from frictionpinn.diagnose.diagnosis import diagnose
 from frictionpinn.diagnose.draw import evidence_so_far, headline
+from frictionpinn.diagnose.select import Settings
 from frictionpinn.errors import UserError
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.physics import LAWS, SYSTEMS
@@ -72,6 +75,19 @@ def test_an_undeclared_constant_force_is_named_measured_and_proved():
     assert gained[0] == 0 and gained[-1] == pytest.approx(found.evidence["gain_held_out"], rel=0.1)
     assert (t[0], t[-1]) == (d.before.models[0].t[0], d.before.models[0].t[-1])
     assert f"trials that no fit saw {gained[-1]:+.0f}" in headline(d)
+
+
+def test_where_held_out_trials_are_predicted_badly_as_fitted_the_headline_says_what_the_errors_allow(monkeypatch):
+    d = SimpleNamespace(
+        scored="held-out trials", before=SimpleNamespace(models=[0, 1]), settings=Settings(), gain_within_errors=75.2
+    )
+    gained = {0: -380.0, 1: 9.0}
+    monkeypatch.setattr(draw, "evidence_so_far", lambda d, k: (np.zeros(2), np.array([0.0, gained[k]])))
+    assert draw._gain(d) == (
+        " (log-likelihood of trials that no fit saw -371, +75 with parameters moved within their errors)"
+    )
+    gained[0] = 380.0
+    assert draw._gain(d) == " (log-likelihood of trials that no fit saw +389)"
 
 
 def test_nothing_is_found_where_nothing_is_missing():
