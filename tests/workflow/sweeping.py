@@ -29,7 +29,7 @@ def wait_for(condition, process: subprocess.Popen, seconds: float = 300.0) -> No
     while not condition():
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < end
-        time.sleep(0.005)
+        time.sleep(0.02)
 
 
 def running(folder: Path) -> int | None:
