@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -174,16 +174,23 @@ class Bench:
         found = levenberg_marquardt(evaluate, first, problem.space.limits, **(REFIT | options))
         return Fit(problem.names, problem.values(found.state.u), models, found.state, sigmas)
 
-    def settle(self, fit: Fit) -> Fit:
-        """The lowest minimum that a search from all starts finds, at the noise that the fit's residuals show."""
+    def settle(self, fit: Fit, bent: Callable[[Fit, Fit], bool] = lambda old, new: False) -> Fit:
+        """The lowest minimum that a search from all starts finds, at the noise that the fit's residuals show.
+
+        The fit stays in its own where ``bent`` says of that and the lowest that the latter is not to be had.
+        """
         sigmas = fit.levels(self.problem.loss)
         new = self.refit(fit, fit.names, fit.values, sigmas)
+        found: Fit | None
         if new is None:
-            new = fit
+            new, found = fit, self._anew(fit, True)
         elif fit.searched and max(abs(np.log(sigmas[name] / fit.sigmas[name])) for name in sigmas) < WEIGHED:
-            return replace(new, minima=fit.minima, searched=True) if fit.minima else self._around(new)
-        found = self._anew(new, True)
-        return replace(new, searched=True) if found is None or found.state.cost > new.state.cost else found
+            found = replace(new, minima=fit.minima, searched=True) if fit.minima else self._around(new)
+        else:
+            found = self._anew(new, True)
+        if found is None or found.state.cost > new.state.cost or (found.state is not new.state and bent(new, found)):
+            return replace(new, searched=True)
+        return found
 
     def without(self, fit: Fit, gone: Sequence[str], held: Sequence[str] = ()) -> Fit:
         """The fit with strengths ``gone`` at zero and all else but ``held`` where the quadratic model has its minimum.

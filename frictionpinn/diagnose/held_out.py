@@ -15,7 +15,7 @@ from ..identify.problem import Problem
 from ..identify.solve import FAINT, Evaluate, State, levenberg_marquardt, reduced
 from ..identify.trial import Piece, TrialModel
 from ..numerics.simulate import ContactLost, SimulationFailed
-from .bench import REFIT, Bench
+from .bench import NEAR, REFIT, Bench
 from .fit import Fit
 
 
@@ -68,6 +68,20 @@ def held_out_gain(bench: Bench, before: Fit, after: Fit, enough: float) -> float
         return gain
     pair = in_parallel(lambda k: surprise(bench, both[k]), [1.0, 1.0])
     return gain if pair[0] is None or pair[1] is None else max(gain, pair[0] - pair[1])
+
+
+def bent(bench: Bench, old: Fit, new: Fit) -> bool:
+    """Whether a lower minimum loses far more on the held-out trials than it gains on the fitted ones.
+
+    A needle of static friction may follow the noise of a few breakaways.
+    """
+    if bench.checked is None:
+        return False
+    both = old, new
+    checked = in_parallel(lambda k: check(bench, both[k]), [1.0, 1.0])
+    if checked[0] is None or checked[1] is None:
+        return False
+    return checked[1].state.cost - checked[0].state.cost > old.state.cost - new.state.cost + NEAR
 
 
 def compared_gains(bench: Bench, before: Fit, fits: Sequence[Fit]) -> list[float]:

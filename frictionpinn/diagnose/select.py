@@ -15,6 +15,7 @@ from .candidates import Candidate
 from .contest import Accepted, Refused, Settings, contest
 from .drop import drop
 from .fit import Fit
+from .held_out import bent
 from .minima import searched
 from .remainder import Remainder
 from .restarts import lifted, peaked, widened
@@ -105,12 +106,12 @@ def _polish(
     """
     rugged = bench.mechanism.memory
     if rugged:
-        selection.fit = bench.settle(selection.fit)
+        selection.fit = bench.settle(selection.fit, partial(bent, bench))
     deepened = rugged and not selection.fit.explains
     if deepened:
         _deepen(bench, selection)
     if drop(bench, selection, settings) and rugged and not selection.fit.explains:
-        selection.fit = bench.settle(selection.fit)
+        selection.fit = bench.settle(selection.fit, partial(bent, bench))
     _rescan(bench, selection, options, remainders, places)
     if rugged and not deepened and _doubtful(selection, options, settings) and _deepen(bench, selection):
         drop(bench, selection, settings)

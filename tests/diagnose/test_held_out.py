@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.fit import Fit
-from frictionpinn.diagnose.held_out import check, compared_gains, held_out_gain, surprise
+from frictionpinn.diagnose.held_out import bent, check, compared_gains, held_out_gain, surprise
+from frictionpinn.identify.solve import State
+from frictionpinn.identify.trial import Piece
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
@@ -77,3 +81,28 @@ def test_without_held_out_trials_there_is_nothing_to_say(bench):
     fit = bench.base()
     assert held_out_gain(empty, fit, fit, 1.0) is None and surprise(empty, fit) is None
     assert compared_gains(empty, fit, [fit]) == [0.0]
+
+
+def test_a_lower_minimum_that_the_held_out_trials_contradict_is_bent_and_one_that_they_bear_out_is_not(bench):
+    fit = bench.base()
+    wrong = off(fit, "sigma_2", 1.5, known=True)
+    assert bent(bench, fit, wrong) and not bent(bench, wrong, fit) and not bent(bench, fit, fit)
+    bare = SimpleNamespace(checked=None)
+    assert not bent(bare, fit, wrong)
+
+
+@pytest.mark.parametrize("contradicted", [True, False])
+def test_a_fit_settles_in_a_lower_minimum_unless_the_held_out_trials_contradict_it(contradicted):
+    def stub(cost):
+        return Fit(("mu_c",), {"mu_c": 0.3}, (), State(np.zeros(1), (), (Piece(cost, {}),)), {"v": 0.1})
+
+    own, refitted, lower = stub(105.0), stub(100.0), stub(90.0)
+    asked = []
+    made = SimpleNamespace(
+        problem=SimpleNamespace(loss=SimpleNamespace(sigma=lambda r, n: 0.1)),
+        refit=lambda *a: refitted,
+        _anew=lambda fit, thorough: lower,
+    )
+    found = Bench.settle(made, own, lambda old, new: asked.append((old, new)) or contradicted)
+    assert asked == [(refitted, lower)]
+    assert found.state.cost == (100.0 if contradicted else 90.0)
