@@ -12,7 +12,7 @@ from .bench import NEAR, Bench
 from .candidates import Candidate
 from .fit import Fit
 from .held_out import compared_gains, held_out_gain
-from .minima import DEEP
+from .minima import DEEP, gained
 from .refits import contenders, refitted
 from .rivals import Contender
 from .scan import Tested
@@ -102,7 +102,7 @@ def contest(
             held = held_out_gain(bench, before, fit, settings.gain)
         near = [pair for pair in rest if _behind(pair, (tested, fit)) < RIVAL]
         (tested, fit), held, near, worse = _decide(bench, before, (tested, fit), held, near)
-        gain = before.state.cost - fit.state.cost
+        gain = gained(before, fit)
         same = next(group for group in classes if group[0] is tested)[1:]
         alike = [(t.candidate, {n: t.step[n] for n in t.candidate.strengths}) for t in same]
         alike += [(t.candidate, {n: f.values[n] for n in t.candidate.strengths}) for t, f in near]
@@ -115,7 +115,7 @@ def contest(
 
 def _proof(bench: Bench, before: Fit, tested: Tested, fit: Fit, settings: Settings) -> tuple[float | None, str]:
     """Gain on the held-out trials (None without any), and why the candidate is refused, if it is."""
-    gain, need = before.state.cost - fit.state.cost, needed(tested, settings)
+    gain, need = gained(before, fit), needed(tested, settings)
     if gain < need:
         return None, f"refitted, it gains {gain:.1f} in log-likelihood; {need:.1f} are needed"
     held = held_out_gain(bench, before, fit, settings.gain)
@@ -136,7 +136,10 @@ def _steadier(
     Such a first is bent to the fitted trials (a static friction above all that they show). The other may lie farther
     behind than a rival, but has to make up for what is beyond that on the held-out trials.
     """
-    farther = [pair for pair in others if RIVAL <= _behind(pair, first) < NEAR]
+    farther = [
+        pair for pair in others
+        if RIVAL <= _behind(pair, first) < NEAR and gained(before, pair[1]) >= needed(pair[0], settings)
+    ]  # fmt: skip
     if not farther or _predicts(bench, before, first, settings):
         return None
     farther = [pair for pair in farther if _predicts(bench, before, pair, settings)]

@@ -63,21 +63,22 @@ def test_a_candidate_that_was_refitted_twice_stands_once_with_its_better_fit():
 
 
 @pytest.mark.parametrize(
-    ("bent", "steady", "winner"),
+    ("bent", "steady", "declared", "winner"),
     [
-        ({"as_fitted": -500.0}, {"held": 80.0}, "adhesion"),
-        ({"as_fitted": 60.0}, {"held": 80.0}, "load_exponent"),  # the first predicts them as well
-        ({"as_fitted": -500.0}, {"held": 80.0, "as_fitted": -3.0}, "load_exponent"),  # the other neither
-        ({"as_fitted": -500.0}, {"held": 74.0}, "load_exponent"),  # 4 better, 3 of which make up for the fitted trials
+        ({"as_fitted": -500.0}, {"held": 80.0}, 300.0, "adhesion"),
+        ({"as_fitted": 60.0}, {"held": 80.0}, 300.0, "load_exponent"),  # the first predicts them as well
+        ({"as_fitted": -500.0}, {"held": 80.0, "as_fitted": -3.0}, 300.0, "load_exponent"),  # the other neither
+        ({"as_fitted": -500.0}, {"held": 74.0}, 300.0, "load_exponent"),  # 4 better, 3 of which the fitted trials take
+        ({"as_fitted": -500.0}, {"held": 80.0}, 115.0, "load_exponent"),  # the other is not significant: it gains 6
     ],
 )
 def test_a_fit_that_predicts_held_out_trials_as_it_is_wins_over_one_that_is_bent_to_the_fitted_ones(
-    monkeypatch, bent, steady, winner
+    monkeypatch, bent, steady, declared, winner
 ):
     fits = [contender("load_exponent", 100.0, 70.0, **bent), contender("adhesion", 109.0, **steady)]
     monkeypatch.setattr(contest, "refitted", lambda *a: fits)
     monkeypatch.setattr(contest, "contenders", lambda significant: [[tested] for tested, _ in fits])
-    before = contender("nothing", 300.0)[1]
+    before = contender("nothing", declared)[1]
     accepted, fit, refused = contest.contest(None, before, (), tuple, (), contest.Settings())
     assert accepted.candidate.effect == winner and fit is {t.candidate.effect: f for t, f in fits}[winner]
     if winner == "adhesion":
