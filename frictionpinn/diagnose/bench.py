@@ -12,7 +12,7 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..identify.explore import explore, moved
-from ..identify.likelihood import find_start, maximum_likelihood
+from ..identify.likelihood import maximum_likelihood
 from ..identify.problem import Problem, in_parallel
 from ..identify.result import FAILED
 from ..identify.solve import KNOWN, Evaluate, Solution, levenberg_marquardt, reduced
@@ -65,6 +65,7 @@ class Bench:
         self.declared = tuple(self.problem.names)
         self.held_out = held_out
         self.options = options
+        self.judged: dict[tuple, Any] = {}  # what the held-out trials said of fits
 
     @cached_property
     def sizes(self) -> Sizes:
@@ -144,9 +145,9 @@ class Bench:
     @cached_property
     def starts(self) -> list[dict[str, float]]:
         """Parameters of the declared model from short windows, where what is missing does not add up: best first."""
-        found = find_start(self.problem)
         return [
-            dict(zip(self.declared, self.problem.space.to_values(s.state.u).tolist(), strict=True)) for s in found[:1]
+            dict(zip(self.declared, self.problem.space.to_values(s.state.u).tolist(), strict=True))
+            for s in self.estimate.details["starts"][:1]
         ]
 
     def refit(
@@ -187,9 +188,9 @@ class Bench:
         elif fit.searched and max(abs(np.log(sigmas[name] / fit.sigmas[name])) for name in sigmas) < WEIGHED:
             found = replace(new, minima=fit.minima, searched=True) if fit.minima else self._around(new)
         else:
-            found = self._anew(new, True)
+            found = self._anew(new, True, fit.starts)
         if found is None or found.state.cost > new.state.cost or (found.state is not new.state and bent(new, found)):
-            return replace(new, searched=True)
+            return replace(new, searched=True, starts=fit.starts)
         return found
 
     def without(self, fit: Fit, gone: Sequence[str], held: Sequence[str] = ()) -> Fit:
@@ -223,19 +224,22 @@ class Bench:
         limits = {par.name: (par.low, par.high) for par in self.tested.parameters}
         return {name: min(max(value, limits[name][0]), limits[name][1]) for name, value in values.items()}
 
-    def search(self, fit: Fit) -> Fit | None:
-        """Estimate the fit's parameters anew from all starts; None where nothing better is found.
+    def search(self, fit: Fit, starts: Sequence[Solution] = ()) -> Fit:
+        """The fit or, where a search from all starts finds it, a better one.
 
-        Of a fit that such a search led to, only a static friction that vanished is brought back.
+        Of a fit that such a search led to, only a static friction that vanished is brought back. ``starts`` are those
+        of a search at other noise levels.
         """
-        anew = None if fit.searched else self._anew(fit, fit.explains)
+        anew = None if fit.searched else self._anew(fit, fit.explains, starts)
         if anew is not None and anew.state.cost < fit.state.cost and anew.explains and not fit.explains:
             return anew  # out of the wrong minimum
         back = peaked(self.problem, fit.values)
         near = fit.state.cost + NEAR
         found = in_parallel(lambda k: tried(self, fit, fit.names, back[k], near), [1.0] * len(back))
         lower = [f for f in (anew, *found) if f is not None and f.state.cost < fit.state.cost]
-        return min(lower, key=lambda f: f.state.cost, default=None)
+        if lower:
+            return min(lower, key=lambda f: f.state.cost)
+        return replace(fit, searched=True, starts=fit.starts if anew is None else anew.starts)
 
     def _around(self, fit: Fit) -> Fit:
         """The lowest minimum that restarts around the fit find."""
@@ -245,8 +249,8 @@ class Bench:
         state = minima[0].state
         return replace(fit, values=problem.values(state.u), state=state, minima=tuple(minima), searched=True)
 
-    def _anew(self, fit: Fit, thorough: bool) -> Fit | None:
-        """A search from all starts, and around the lowest minimum that it finds where it is ``thorough``."""
+    def _anew(self, fit: Fit, thorough: bool, starts: Sequence[Solution] = ()) -> Fit | None:
+        """A search from all starts, given or of short windows, and if ``thorough`` around the lowest that it finds."""
         simulator = self.parts.of(fit.names, fit.values)
         problem = self.problem_of(self.problem, fit.names, fit.values, simulator)
         problem.trials = self.equipped(problem.trials, simulator)
@@ -257,13 +261,14 @@ class Bench:
         problem.start, problem.given = start, dict(fit.sigmas)
         problem.sigmas = dict(fit.sigmas)
         known = (Solution(fit.state, 0, 0, KNOWN), fit.models) if fit.state.curved else None
-        estimate = maximum_likelihood(problem, start=start, known=known, thorough=thorough)
+        estimate = maximum_likelihood(problem, start=start, known=known, starts=starts, thorough=thorough)
         if estimate.outcome == FAILED:
             return None
         details = estimate.details
         values = problem.values(details["state"].u)
         found = Fit(problem.names, values, details["models"], details["state"], dict(fit.sigmas))
-        return replace(found, minima=details["minima"] if thorough else (), searched=True)
+        minima = details["minima"] if thorough else ()
+        return replace(found, minima=minima, searched=True, starts=details["starts"])
 
     def simulate(self, fit: Fit, strict: bool = False) -> list[Simulation]:
         """Every trial at the fit; ``strict`` with every candidate, where sensitivities to any are to be added."""

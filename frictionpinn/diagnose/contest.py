@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.stats import chi2
 
+from ..identify.parallel import WORKERS, in_parallel
 from .bench import NEAR, Bench
 from .candidates import Candidate
 from .fit import Fit
@@ -88,8 +90,7 @@ def contest(
     classes = contenders(significant)
     fits = refitted(bench, before, classes, others, beside)
     refused: list[Refused] = []
-    for k, (tested, fit) in enumerate(fits):
-        held, why = _proof(bench, before, tested, fit, settings)
+    for k, (tested, fit, held, why) in enumerate(_proofs(bench, before, fits, settings)):
         if why:
             refused.append(Refused(tested.candidate, why))
             continue
@@ -111,6 +112,18 @@ def contest(
         close = [p for p in fits if p[0] is not tested and penalised(p[1]) - penalised(fit) < max(NEAR, 0.1 * gain)]
         return Accepted(tested.candidate, tested, evidence, tuple(alike), tuple(close[:DEEP])), fit, [*refused, *worse]
     return None, before, refused
+
+
+def _proofs(
+    bench: Bench, before: Fit, fits: Sequence[Contender], settings: Settings
+) -> Iterator[tuple[Tested, Fit, float | None, str]]:
+    """Every contender with its proof, see :func:`_proof`: the first as a rule passes, others are judged together."""
+
+    def judged(first: int, k: int) -> tuple[Tested, Fit, float | None, str]:
+        return *fits[first + k], *_proof(bench, before, *fits[first + k], settings)
+
+    for first, last in ((0, 1), *((k, k + WORKERS) for k in range(1, len(fits), WORKERS))):
+        yield from in_parallel(partial(judged, first), [1.0] * len(fits[first:last]))
 
 
 def _proof(bench: Bench, before: Fit, tested: Tested, fit: Fit, settings: Settings) -> tuple[float | None, str]:

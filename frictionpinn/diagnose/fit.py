@@ -31,6 +31,7 @@ class Fit:
         sigmas: noise levels that weighted the residuals.
         minima: of the likelihood around it, where they were looked for, best first.
         searched: whether a search from all starts led here, or found nothing lower.
+        starts: of that search, from short windows.
     """
 
     names: tuple[str, ...]
@@ -40,6 +41,7 @@ class Fit:
     sigmas: dict[str, float]
     minima: tuple[Solution, ...] = ()
     searched: bool = False
+    starts: tuple[Solution, ...] = ()
 
     @property
     def locals(self) -> tuple[np.ndarray, ...]:

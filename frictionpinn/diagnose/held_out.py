@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import wraps
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,7 +20,23 @@ from ..numerics.simulate import ContactLost, SimulationFailed
 from .bench import NEAR, REFIT, Bench
 from .fit import Fit
 
+T = TypeVar("T")
 
+
+def _once(work: Callable[[Bench, Fit], T]) -> Callable[[Bench, Fit], T]:
+    """The work done once for every fit of a bench: the same few are judged again and again."""
+
+    @wraps(work)
+    def told(bench: Bench, fit: Fit) -> T:
+        key = (work.__name__, id(fit.state), fit.names, tuple(fit.values.items()), tuple(fit.sigmas.items()))
+        if key not in bench.judged:
+            bench.judged[key] = fit.state, work(bench, fit)  # the state is kept, that no other gets its id
+        return bench.judged[key][1]
+
+    return told
+
+
+@_once
 def check(bench: Bench, fit: Fit) -> Fit | None:
     """The held-out trials with the fit's parameters: only their own unknowns are estimated."""
     found = checking(bench, fit)
@@ -101,6 +119,7 @@ def compared_gains(bench: Bench, before: Fit, fits: Sequence[Fit]) -> list[float
     ]
 
 
+@_once
 def surprise(bench: Bench, fit: Fit) -> float | None:
     """Negative log-likelihood of the held-out trials given the fitted ones, the parameters integrated out.
 

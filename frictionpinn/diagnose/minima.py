@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from ..identify.parallel import in_parallel
 from .bench import NEAR, Bench
@@ -51,7 +50,7 @@ def polished(bench: Bench, before: Fit, found: list[Contender], fits: Sequence[C
     near = penalised(found[0][1]) < penalised(best) + _margin(before, best)
     if best is not found[0][1] and not (best.searched and near and tries < DEEP):
         return found
-    return [(found[0][0], searched(bench, found[0][1]))]
+    return [(found[0][0], bench.search(found[0][1]))]
 
 
 def out_of_wrong_minima(
@@ -90,9 +89,9 @@ def _searched(bench: Bench, before: Fit, fits: Sequence[Contender], most: int = 
             if explained(found):  # out of that minimum the others come from there, if they come near at all
                 winner = best_of(found)
                 fit = better(fit, moved(bench, (tested, fit), winner)) or fit
-                fit = fit if penalised(fit) > penalised(winner[1]) + NEAR else searched(bench, fit)
+                fit = fit if penalised(fit) > penalised(winner[1]) + NEAR else bench.search(fit)
             else:
-                fit = searched(bench, fit)
+                fit = bench.search(fit)
         found.append((tested, fit))
     return found
 
@@ -137,36 +136,55 @@ def try_others(
 def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> list[Contender]:
     """The fits, the best and those near it searched anew: of two that are much alike one may have stopped short.
 
-    Near is, too, what stopped short of the gain that its score test promised. Where all gained about what was promised,
-    the fits lie where the linear model says: none is searched if the best is ahead by more than that model may err. A
-    best that none is near is searched where it stopped far short.
+    Where all gained about what was promised, the fits lie where the linear model says: none is searched if the best is
+    ahead by more than that model may err. A best that none is near is searched where it stopped far short. The best
+    comes first: what that gains may put others out of reach, once they were fitted from there.
     """
-    best = best_of(fits)
-    gain = before.state.cost - min(fit.state.cost for _, fit in fits)
-    least = penalised(best[1])
-    reach_ = least + min(NEAR, CLOSE * gain)  # those that gain nothing are no rivals
-
-    def hoped(pair: Contender) -> float:
-        tested, fit = pair
-        told = tested.beside is None and (tested.statistic < ASTRAY or _as_promised(before, pair))
-        promised = before.state.cost - tested.statistic / 2 if told else fit.state.cost
-        return penalised(fit) - max(fit.state.cost - promised, 0.0)
+    best, near = best_of(fits), _in_reach(before, fits)
+    ahead = penalised(best[1]) + AS_PROMISED * _most(before, fits)
 
     def clear(pair: Contender) -> bool:
-        return _as_promised(before, pair) and (pair is best or hoped(pair) > least + AS_PROMISED * gain)
+        return _as_promised(before, pair) and (pair is best or _hoped(before, pair) > ahead)
 
-    fits = sorted(fits, key=hoped)
-    near = sum(hoped(pair) < reach_ for pair in fits[:DEEP])
-    alone = near < 2 and not _far_short(before, best)
-    if alone or all(clear(pair) for pair in fits[:near]):
-        return fits
-    # Of those that the score tests do not tell apart one is searched anew, the others from there.
-    heads = [k for k in range(near) if not any(twins(fits[j][0], fits[k][0]) for j in range(k))]
-    found = fits[:near]
-    better_ = in_parallel(lambda j: searched(bench, fits[heads[j]][1]), [1.0] * len(heads))
-    for k, fit in zip(heads, better_, strict=True):
-        found[k] = found[k][0], fit
-    return levelled(bench, [*found, *fits[near:]], near)
+    alone = len(near) < 2 and not _far_short(before, best)
+    if alone or all(clear(pair) for pair in near):
+        return list(fits)
+    first = best if any(pair is best for pair in near) else near[0]
+    count, names = len(near), [pair[0].candidate.name for pair in near]
+    fits = sorted(fits, key=lambda pair: pair[0].candidate.name not in names)
+    fits = levelled(bench, _anew(bench, fits, [first]), count)
+    # Of those that the score tests do not tell apart one is searched, the others from there.
+    done, heads = [first], list[Contender]()
+    for pair in _in_reach(before, fits):
+        if pair[0].candidate.name in names and not any(twins(pair[0], other[0]) for other in (*done, *heads)):
+            heads.append(pair)
+    found = _anew(bench, fits, heads)
+    return found if any(best_of(found) is pair for pair in fits) else levelled(bench, found, count)
+
+
+def _anew(bench: Bench, fits: Sequence[Contender], which: Sequence[Contender]) -> list[Contender]:
+    """The fits, those searched anew."""
+    found = in_parallel(lambda k: bench.search(which[k][1]), [1.0] * len(which))
+    made = {pair[0].candidate.name: (pair[0], fit) for pair, fit in zip(which, found, strict=True)}
+    return [made.get(pair[0].candidate.name, pair) for pair in fits]
+
+
+def _in_reach(before: Fit, fits: Sequence[Contender]) -> list[Contender]:
+    """The best and what is near it, or would be with the gain that its score test promised."""
+    reach_ = penalised(best_of(fits)[1]) + min(NEAR, CLOSE * _most(before, fits))  # what gains nothing is no rival
+    first = sorted(fits, key=lambda pair: _hoped(before, pair))[:DEEP]
+    return [pair for pair in first if _hoped(before, pair) < reach_]
+
+
+def _most(before: Fit, fits: Sequence[Contender]) -> float:
+    return before.state.cost - min(fit.state.cost for _, fit in fits)
+
+
+def _hoped(before: Fit, pair: Contender) -> float:
+    tested, fit = pair
+    told = tested.beside is None and (tested.statistic < ASTRAY or _as_promised(before, pair))
+    promised = before.state.cost - tested.statistic / 2 if told else fit.state.cost
+    return penalised(fit) - max(fit.state.cost - promised, 0.0)
 
 
 def _as_promised(before: Fit, pair: Contender) -> bool:
@@ -186,8 +204,3 @@ def _far_short(before: Fit, pair: Contender) -> bool:
 def _margin(before: Fit, best: Fit) -> float:
     """How far from the best a fit that stopped short may be."""
     return max(NEAR, 0.1 * gained(before, best))
-
-
-def searched(bench: Bench, fit: Fit) -> Fit:
-    """The fit or, where a search from all starts finds it, a better one."""
-    return bench.search(fit) or replace(fit, searched=True)

@@ -91,4 +91,4 @@ def widened(bench: Bench, fit: Fit) -> Fit:
     if best is fit:
         return fit
     free = bench.refit(best, fit.names, best.values, iterations=0)
-    return fit if free is None else replace(free, minima=fit.minima, searched=fit.searched)
+    return fit if free is None else replace(free, minima=fit.minima, searched=fit.searched, starts=fit.starts)

@@ -16,7 +16,6 @@ from .contest import Accepted, Refused, Settings, contest
 from .drop import drop
 from .fit import Fit
 from .held_out import bent
-from .minima import searched
 from .remainder import Remainder
 from .restarts import lifted, peaked, widened
 from .scan import Scanned, Tested, scan
@@ -196,7 +195,7 @@ def _deepen(bench: Bench, selection: Selection) -> bool:
         if best is not selection.fit and best.explains:
             break
         weighted = fit if fit is selection.fit else bench.refit(fit, fit.names, fit.values, selection.fit.sigmas)
-        found = None if weighted is None else searched(bench, weighted)
+        found = None if weighted is None else bench.search(weighted, fit.starts)
         if found is not None and penalised(found) < cost - SETTLED:
             best, cost = found, penalised(found)
             choice = replace(
@@ -215,4 +214,4 @@ def _reweighted(bench: Bench, fit: Fit, scanned: Scanned) -> Fit:
         a = noise.coefficients.get(name, np.zeros(0))
         sigmas[name] = sigma if len(a) else sigma * noise.scale.get(name, 1.0)
     found = bench.refit(fit, fit.names, fit.values, sigmas)
-    return fit if found is None else replace(found, minima=fit.minima, searched=fit.searched)
+    return fit if found is None else replace(found, minima=fit.minima, searched=fit.searched, starts=fit.starts)

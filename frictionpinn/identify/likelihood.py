@@ -154,6 +154,7 @@ def maximum_likelihood(
     *,
     start: Mapping[str, float] | None = None,
     known: Found | None = None,
+    starts: Sequence[Solution] = (),
     thorough: bool = True,
     **options,
 ) -> Estimate:
@@ -168,6 +169,7 @@ def maximum_likelihood(
         start: parameter values to start from as well, by name (a trained PE's).
         known: a minimum of the problem's likelihood at its noise levels, which the search is to beat, with the models
             of its trials.
+        starts: what a search over short windows found before (``details["starts"]`` of an estimate), best first.
         thorough: look for others around the minimum that was found.
         options: see :class:`Problem`.
 
@@ -186,7 +188,7 @@ def maximum_likelihood(
     else:
         problem = Problem(mechanism, recording, **options)
     before = problem.simulations
-    starts = find_start(problem, start, asis=known is None)
+    starts = list(starts) or find_start(problem, start, asis=known is None)
     sigmas = first_sigmas(problem, starts[0].state) if starts else dict(problem.sigmas)
     best = _whole(problem, starts, sigmas, known)
     if best is None:
@@ -218,4 +220,5 @@ def maximum_likelihood(
         evaluate = _evaluator(problem, models, problem.joint, sigmas)
         beside = neighbours(evaluate, solution.state, problem.space.limits)
     spent = time.perf_counter() - began, problem.simulations - before
-    return finish(problem, models, solution, sigmas, *spent, minima=minima, beside=beside)
+    found = finish(problem, models, solution, sigmas, *spent, minima=minima, beside=beside)
+    return replace(found, details=found.details | {"starts": tuple(starts)})

@@ -15,7 +15,7 @@ def fit(cost: float, correlation: float = 50.0):
     """A stub of a fit: what remains of it is noise where its correlation is below 4.5."""
     return SimpleNamespace(
         names=("mu_c",), values=defaultdict(float, mu_c=0.3), count=1000, state=SimpleNamespace(cost=cost, locals=()),
-        correlation=correlation, explains=correlation < 4.5, minima=(), searched=False, locals=(),
+        correlation=correlation, explains=correlation < 4.5, minima=(), searched=False, starts=(), locals=(),
     )  # fmt: skip
 
 
@@ -37,7 +37,7 @@ def contest_stub(monkeypatch):
 
     def search(found):
         seen.searched.append(found)
-        return seen.better.get(id(found))
+        return seen.better.get(id(found)) or SimpleNamespace(**(vars(found) | {"searched": True}))
 
     seen.bench = SimpleNamespace(
         mechanism=SimpleNamespace(memory=True),
@@ -50,7 +50,7 @@ def contest_stub(monkeypatch):
     for module in (refits, minima):
         monkeypatch.setattr(module, "add", add)
     monkeypatch.setattr(refits, "lifted", lambda *a: None)
-    for module in (refits, minima, rivals):
+    for module in (refits, rivals):
         monkeypatch.setattr(module, "replace", lambda item, **changes: SimpleNamespace(**(vars(item) | changes)))
     return seen
 

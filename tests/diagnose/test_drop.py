@@ -103,14 +103,15 @@ def test_an_effect_goes_that_the_others_make_up_for_as_the_quadratic_model_says(
 def test_a_rival_is_compared_at_the_noise_levels_of_the_fit_and_wins_where_its_search_ends_lower(
     selection, monkeypatch
 ):
-    rival, at_those = SimpleNamespace(names=("mu_c",), values=VALUES), fit(("mu_c",), 150.0)
+    rival, at_those = SimpleNamespace(names=("mu_c",), values=VALUES, starts=()), fit(("mu_c",), 150.0)
     selection.fit.sigmas, selection.fit.count, selection.fit.explains = {"v": 0.1}, 1000, False
+    selection.fit.starts = ()
     selection.accepted = [replace(accepted(SPRING), close=((SimpleNamespace(candidate=RIPPLE), rival),))]
     better = SimpleNamespace(**vars(fit(("mu_c",), 60.0)), count=1000, explains=True)
     levels = []
     bench = SimpleNamespace(
         refit=lambda own, names, values, sigmas: levels.append(sigmas) or at_those,
-        search=lambda own: better if own is at_those else selection.fit,
+        search=lambda own, starts: better if own is at_those else selection.fit,
     )
     assert _deepen(bench, selection) and selection.fit is better and levels == [{"v": 0.1}]
     assert selection.accepted[-1].candidate is RIPPLE

@@ -101,7 +101,7 @@ def test_a_fit_settles_in_a_lower_minimum_unless_the_held_out_trials_contradict_
     made = SimpleNamespace(
         problem=SimpleNamespace(loss=SimpleNamespace(sigma=lambda r, n: 0.1)),
         refit=lambda *a: refitted,
-        _anew=lambda fit, thorough: lower,
+        _anew=lambda fit, thorough, starts: lower,
     )
     found = Bench.settle(made, own, lambda old, new: asked.append((old, new)) or contradicted)
     assert asked == [(refitted, lower)]

@@ -114,7 +114,7 @@ def test_a_search_ends_at_a_start_that_explains_only_where_the_fit_did_not(monke
         seen.append(values)
         return next(found)
 
-    stub = SimpleNamespace(problem=None, refit=refit, _anew=lambda f, thorough: seen.append(f) or next(found))
+    stub = SimpleNamespace(problem=None, refit=refit, _anew=lambda f, thorough, starts: seen.append(f) or next(found))
     best = Bench.search(stub, fit(100, correlation))
     assert len(seen) == tried
     assert best.state.cost == least
@@ -136,8 +136,9 @@ def test_a_fit_that_was_searched_already_is_only_tried_with_its_static_friction_
     monkeypatch.setattr(benches, "peaked", lambda problem, values: [])
     searched = fit(100)
     searched.searched = True
+    monkeypatch.setattr(benches, "replace", lambda item, **changes: SimpleNamespace(**(vars(item) | changes)))
     stub = SimpleNamespace(problem=None, _anew=lambda *a: pytest.fail("searched again"))
-    assert Bench.search(stub, searched) is None
+    assert Bench.search(stub, searched) == searched
 
 
 def test_a_fit_that_explains_but_stopped_short_starts_from_the_unknowns_of_the_best(tries):
