@@ -34,6 +34,7 @@ log = logging.getLogger(__name__)
 CONTENDERS = 7  # candidates that are refitted in a round
 WORTH = 0.5, 0.25  # of the best statistic: candidates with less are not refitted; where the fit is astray
 MATES = 3  # of the best contender, if it leaves more than noise: refitted too
+NEXT = 2  # contenders tried beside a leader that leaves little, before that is searched anew
 LIFTED = 3  # candidates tried beside a friction that had vanished
 
 
@@ -60,7 +61,9 @@ def refitted(
         others = [*beside(), *others]
     asked = not (others and astray(classes))
     while left and not explained(fits):
-        fits += polished(bench, before, _added(bench, before, *left.pop(0), fits), fits)
+        found = _added(bench, before, *left.pop(0), fits)
+        found, fits, left = _beside_next(bench, before, found, fits, left)
+        fits += polished(bench, before, found, fits)
         if not asked and any(fit.searched for _, fit in fits) and not explained(fits):
             others = try_others(bench, before, classes, fits, others, BATCH)  # before what ranks behind is refitted
             asked = True
@@ -101,6 +104,26 @@ def _added(bench: Bench, before: Fit, tested: Tested, looked: Fit | None, fits: 
     else:  # it has to be as good from where it stands, or from the best
         found = _beside_solved(bench, before, tested, looked, fits)
     return [] if found is None else [(tested, found)]
+
+
+def _beside_next(
+    bench: Bench, before: Fit, found: list[Contender], fits: list[Contender], left: list[tuple[Tested, Fit | None]]
+) -> tuple[list[Contender], list[Contender], list[tuple[Tested, Fit | None]]]:
+    """The leader, the fits beside it and what is left to try, once those that come next were tried beside a leader
+    that leaves little but more than noise.
+
+    One of them may leave nothing, and a search of the leader costs ten times as much. What does not lead is tried
+    again from where that search ends.
+    """
+    searches = bench.mechanism.memory and found and not found[0][1].explains and leaves_little(before, found[0][1])
+    if not searches or _nearly(before, fits):
+        return found, fits, left
+    beside = [*fits, *found]
+    tries = in_parallel(lambda k: _added(bench, before, *left[k], beside), [1.0] * len(left[:NEXT]))
+    best = best_of([*found, *(pair for made in tries for pair in made)])
+    if best is found[0]:
+        return found, fits, left
+    return [best], beside, [item for item in left if item[0] is not best[0]]
 
 
 def _beside_solved(

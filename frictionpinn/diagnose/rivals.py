@@ -58,18 +58,36 @@ def twins(one: Tested, other: Tested) -> bool:
 
 
 def moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:
-    """The fit anew, from the best's unknowns that they share, and a strength that does what the best's does."""
+    """The fit anew, from the best's unknowns that they share, and strengths that do what the best's do."""
     tested, fit = own
-    private = {*tested.candidate.strengths, *tested.candidate.hidden}
-    shared = {name: best[1].values[name] for name in fit.names if name in best[1].names and name not in private}
-    there = replace(fit, state=replace(fit.state, locals=best[1].locals))
-    values = {**fit.values, **shared, **_alike_strength(tested, best)}
-    return tried(bench, there, fit.names, values, fit.state.cost + NEAR)
+    alike = _alike_strength(tested, best) if mates(tested, best[0]) else {}
+    there = _in_place_of(bench, own, best) if mates(tested, best[0]) and not alike else None
+    if there is None:
+        private = {*tested.candidate.strengths, *tested.candidate.hidden}
+        shared = {name: best[1].values[name] for name in fit.names if name in best[1].names and name not in private}
+        values = {**fit.values, **shared, **alike}
+        there = replace(fit, values=values, state=replace(fit.state, locals=best[1].locals))
+    return tried(bench, there, fit.names, there.values, fit.state.cost + NEAR)
+
+
+def _in_place_of(bench: Bench, own: Contender, best: Contender) -> Fit | None:
+    """The best with one's own strengths for its own, all else where the quadratic model then has its minimum.
+
+    A gradient of friction stood in a wrong minimum beside a ripple whose mean did what its Coulomb friction had to do.
+    """
+    (tested, fit), (other, there) = own, best
+    mine = {*tested.candidate.strengths, *tested.candidate.hidden}
+    gone = [name for name in other.candidate.strengths if name not in mine]
+    held = [name for name in other.candidate.hidden if name not in mine]
+    new = tuple(name for name in fit.names if name not in there.names)
+    values = there.values | {name: fit.values[name] for name in tested.candidate.hidden}
+    both = bench.refit(there, (*there.names, *new), values, iterations=0)
+    return None if both is None else bench.without(both, gone, held)
 
 
 def _alike_strength(tested: Tested, best: Contender) -> dict[str, float]:
     """The strength that makes what the best's does, as far as the score tests tell: {} where there are several."""
-    if not mates(tested, best[0]) or len(tested.step) != 1 or len(best[0].step) != 1:
+    if len(tested.step) != 1 or len(best[0].step) != 1:
         return {}
     ((name, step),), ((other, unit),) = tested.step.items(), best[0].step.items()
     return {name: best[1].values[other] * step / unit} if unit else {}

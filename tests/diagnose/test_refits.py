@@ -52,34 +52,49 @@ def test_beside_a_fit_that_explains_nearly_all_the_others_start_from_there_too_a
     tries.better = {id(found["asymmetry", 0.3]): constant}
     classes = [[option("ripple", 0)], [option("asymmetry", 1)]]
     assert names(refitted(tries.bench, before, classes, ())) == ["asymmetry", "ripple"]
-    assert tries.refitted == [("ripple", 0.5, True), ("asymmetry", 0.5, False), ("asymmetry", 0.3, False)]
+    beside = [("asymmetry", 0.5, False), ("asymmetry", 0.3, False)]  # before the leader is searched, and after
+    assert tries.refitted == [("ripple", 0.5, True), *beside, *beside]
     assert tries.searched == [asymmetric, found["asymmetry", 0.3]]
 
 
-def test_a_leader_that_leaves_little_is_searched_before_any_other_is_tried(tries):
+RANKED = ("drag", "ripple", "spring_force", "com_offset")
+
+
+def test_a_leader_that_leaves_little_is_searched_once_the_next_two_were_tried_beside_it(tries):
     leader, solved = fit(100, 20.0), fit(50, 1.0)
-    tries.found, tries.better = {"drag": leader, "ripple": fit(200, 60.0)}, {id(leader): solved}
-    classes = [[option("drag", 0)], [option("ripple", 1)]]
-    assert names(refitted(tries.bench, fit(1000, 250.0), classes, ())) == ["drag", "ripple"]
+    tries.found = {"drag": leader, **{name: fit(200, 60.0) for name in RANKED[1:]}}
+    tries.better = {id(leader): solved}
+    classes = [[option(name, k)] for k, name in enumerate(RANKED)]
+    assert names(refitted(tries.bench, fit(1000, 250.0), classes, ()))[0] == "drag"
     assert tries.searched == [leader]
-    assert tries.refitted == ["drag", "ripple"]  # from where it stands alone: the leader explains all
+    beside = sorted(tries.refitted[1:5])  # from where they stand and from the leader
+    assert tries.refitted[0] == "drag" and beside == ["ripple", "ripple", "spring_force", "spring_force"]
+    assert sorted(tries.refitted[5:]) == sorted(RANKED[1:])  # from where they stand alone: the leader explains all
+
+
+def test_one_of_the_next_two_that_leaves_nothing_spares_the_search_of_the_leader(tries):
+    tries.found = {name: fit(200, 60.0) for name in RANKED} | {"drag": fit(100, 20.0), "spring_force": fit(50, 1.0)}
+    classes = [[option(name, k)] for k, name in enumerate(RANKED)]
+    assert names(refitted(tries.bench, fit(1000, 250.0), classes, ()))[:2] == ["spring_force", "drag"]
+    assert not tries.searched
 
 
 @pytest.mark.parametrize(
     ("statistic", "order"),
-    [(400.0, ["drag", "constant_force", "ripple"]), (200.0, ["drag", "ripple", "constant_force"])],
+    [(400.0, ["constant_force", "com_offset"]), (200.0, ["com_offset", "constant_force"])],
 )
 def test_where_the_leader_was_searched_in_vain_and_the_fit_is_astray_the_others_come_before_what_ranks_behind(
     tries, monkeypatch, statistic, order
 ):
     monkeypatch.setattr(
-        minima, "look", lambda bench, before, t: fit(150) if t.candidate.effect != "ripple" else fit(500)
+        minima, "look", lambda bench, before, t: fit(150) if t.candidate.effect in ("drag", "constant_force") else None
     )
-    tries.found = {"drag": fit(100, 20.0), "ripple": fit(500, 60.0), "constant_force": fit(50, 1.0)}
-    classes = [[option("drag", 0, statistic)], [option("ripple", 1, statistic)]]
-    found = refitted(tries.bench, fit(1000, 250.0), classes, [option("constant_force", 2)])
+    tries.found = {name: fit(500, 60.0) for name in RANKED}
+    tries.found |= {"drag": fit(100, 20.0), "constant_force": fit(50, 1.0)}
+    classes = [[option(name, k, statistic)] for k, name in enumerate(RANKED)]
+    found = refitted(tries.bench, fit(1000, 250.0), classes, [option("constant_force", 9)])
     assert names(found)[0] == "constant_force"
-    assert list(dict.fromkeys(tries.refitted)) == order
+    assert list(dict.fromkeys(tries.refitted))[3:] == order
 
 
 def test_where_the_fit_is_astray_a_first_look_says_which_candidate_is_refitted_first(tries, monkeypatch):

@@ -11,6 +11,7 @@ from frictionpinn.diagnose import bench as benches
 from frictionpinn.diagnose import minima
 from frictionpinn.diagnose.bench import Bench, tried
 from frictionpinn.diagnose.refits import refitted
+from frictionpinn.diagnose.rivals import moved
 
 
 @pytest.fixture
@@ -157,6 +158,25 @@ def test_a_fit_that_explains_but_stopped_short_starts_from_the_unknowns_of_the_b
     found = refitted(tries.bench, fit(1000), [[option("sensor_bias", 0)], [option("com_offset", 1)]], ())
     assert {t.candidate.effect: f.state.cost for t, f in found} == {"sensor_bias": 100, "com_offset": 100}
     assert started == [(("those of the best",), 0.31)]
+
+
+def test_a_rival_much_like_a_best_of_several_strengths_starts_in_its_place_in_the_quadratic_model(tries):
+    ripple, gradient = option("ripple"), option("position_friction")
+    ripple.step, gradient.step = {"sin": 0.1, "cos": 0.2}, {"position_friction": 0.3}
+    best, there = fit(50, 1.0), fit(50, 1.0)
+    best.names, there.values["mu_c"] = ("mu_c", "ripple"), 0.31
+    made = []
+
+    def refit(found, own, values, **options):
+        made.append((own, values["mu_c"]))
+        return there if options.get("iterations") == 0 else fit(55, 1.0)
+
+    tries.bench.refit = refit
+    tries.bench.without = lambda both, gone, held: there if gone == ["ripple"] else None
+    short = fit(200, 8.0)
+    short.names = ("mu_c", "position_friction")
+    assert moved(tries.bench, (gradient, short), (ripple, best)).state.cost == 55
+    assert made[0] == (("mu_c", "ripple", "position_friction"), 0.3) and made[1] == (short.names, 0.31)
 
 
 @pytest.mark.parametrize(
