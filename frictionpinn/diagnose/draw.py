@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..evaluate.picture import save_png
 from ..evaluate.style import INK
 from .diagnosis import FOUND, NOTHING, Diagnosis
 from .errors import FORCE
@@ -29,7 +30,7 @@ def draw(folder: Path, d: Diagnosis) -> list[Path]:
     paths = []
     for name, figure in drawn.items():
         paths.append(folder / f"{name}.png")
-        figure.savefig(paths[-1], dpi=120)
+        save_png(figure, paths[-1])
     return paths
 
 

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from ..numerics.simulation import Simulation
 from ..physics import System
 from .characteristics import Characteristics
+from .picture import save_png
 from .style import INK, readable
 from .trajectory import Trajectory
 from .yardsticks import Candidate
@@ -40,7 +41,7 @@ def draw(
     paths = []
     for name, figure in drawn.items():
         paths.append(folder / f"{name}.png")
-        figure.savefig(paths[-1], dpi=120)
+        save_png(figure, paths[-1])
     return paths
 
 

@@ -251,7 +251,8 @@ def integrate(kernel, a, c, error, order, t, coefficients, p, m, atol, rtol, tol
     matrix, pivots = np.empty((n_w, n_w)), np.empty(n_w, np.int64)
     work = (np.empty(n_s), np.zeros(n_u), np.empty(n_w), np.empty(n_w), matrix, pivots, np.ones(1))
     status = begin(kernel, coefficients, p, m, atol, start, first, s, out, work)
-    states[0], unknowns[0] = start, first
+    copy_to(start, states[0])
+    copy_to(first, unknowns[0])
     if status != OK:
         return status, t[0], states, unknowns, *record
     replaying = replay_k.shape[0] > 0

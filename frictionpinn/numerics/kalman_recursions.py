@@ -84,9 +84,13 @@ def forward(t, y, density, variances, deviations, jumps, smooth):
             predict(F, Q, x, P, work)
             if jumps[k]:
                 jump(step, P, deviations / PRIOR)
-        predicted[k], covariances[k] = x, P
+        for i in range(size):  # a slice assignment takes seconds to compile
+            predicted[k, i] = x[i]
+            for j in range(size):
+                covariances[k, i, j] = P[i, j]
         loglik += correct(y[:, k], variances, x, P, gains[k], errors[k], spreads[k])
-        means[k] = x
+        for i in range(size):
+            means[k, i] = x[i]
     if smooth:
         backward(t, density, predicted, covariances, gains, errors, spreads, means, scores)
     return loglik, means, scores
@@ -147,5 +151,6 @@ def backward(t, density, predicted, covariances, gains, errors, spreads, means, 
                 before[i] = 0.0
                 for j in range(i + 1):
                     before[i] += F[j, i] * adjoint[j]
-            adjoint[:] = before
+            for i in range(size):
+                adjoint[i] = before[i]
             information = F.T @ information @ F

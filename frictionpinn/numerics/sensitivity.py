@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, types
 
-from .integrator import F1, F2, F3, INLINED, KERNEL, OPTIONS, evaluate, factorize, gather, newton_matrix, place
+from .integrator import F1, F2, F3, INLINED, KERNEL, OPTIONS, copy_to, evaluate, factorize, gather, newton_matrix, place
 
 F4 = types.float64[:, :, :, ::1]
 I1, I2 = types.int64[::1], types.int64[:, ::1]
@@ -95,6 +95,14 @@ def place_rows(known, w, hg, m, n_c, result):
             result[j, c] = known[j, c] + hg * w[j - m, c]
 
 
+@njit(**INLINED)
+def copy_rows(source, first, count, n_c, target):
+    """Copy the first n_c columns of some rows (see ``copy_to``; a slice assignment takes seconds to compile, too)."""
+    for d in range(count):
+        for c in range(n_c):
+            target[d, c] = source[first + d, c]
+
+
 @njit(
     types.Tuple((F3, F3))(KERNEL, F2, F1, F1, F3, F1, types.int64, F1, F1, F2, I1, F4, I2, I1, F2, F3),
     **OPTIONS,
@@ -133,15 +141,17 @@ def propagate(
     rhs[:] = 0.0
     known_part(out, m, 0.0, columns, n_p, directions, support, active, 0, 0.0, ds, du, rhs)
     solve_rows(matrix, pivots, active, rhs)
-    states[0], unknowns[0] = ds, rhs
+    copy_rows(ds, 0, n_s, n_c, states[0])
+    copy_rows(rhs, 0, n_w, n_c, unknowns[0])
     for index in range(record_k.shape[0]):
         k, offset, h = record_k[index], record_h[index, 0], record_h[index, 1]
         while active < n_c and support[active - first, 0] <= k:
             active += 1
-        stages_w[:] = record_w[index]
-        stages_v[0] = s0[m : 2 * m]
-        dstages_v[0] = ds0[m : 2 * m]
-        dstages_w[0] = rhs
+        for i in range(stages):
+            copy_to(record_w[index, i], stages_w[i])
+        copy_to(s0[m : 2 * m], stages_v[0])
+        copy_rows(ds0, m, m, active, dstages_v[0])
+        copy_rows(rhs, 0, n_w, active, dstages_w[0])
         for i in range(1, stages):
             hg = h * a[i, i]
             gather(a, i, h, s0, stages_v, stages_w, known)
@@ -154,13 +164,14 @@ def propagate(
             known_part(out, m, hg, columns, n_p, directions, support, active, k, offset + c[i] * h, dknown, du, rhs)
             solve_rows(matrix, pivots, active, rhs)
             place_rows(dknown, rhs, hg, m, active, ds)
-            stages_v[i] = s[m : 2 * m]
-            dstages_v[i] = ds[m : 2 * m]
-            dstages_w[i] = rhs
-        s0[:] = s
-        ds0[:] = ds
+            copy_to(s[m : 2 * m], stages_v[i])
+            copy_rows(ds, m, m, active, dstages_v[i])
+            copy_rows(rhs, 0, n_w, active, dstages_w[i])
+        copy_to(s, s0)
+        copy_rows(ds, 0, n_s, active, ds0)
         if index + 1 == record_k.shape[0] or record_k[index + 1] != k:
-            states[k + 1], unknowns[k + 1] = ds, rhs
+            copy_rows(ds, 0, n_s, n_c, states[k + 1])
+            copy_rows(rhs, 0, n_w, n_c, unknowns[k + 1])
     return states, unknowns
 
 

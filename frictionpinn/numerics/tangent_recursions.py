@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, types
 
-from .integrator import F1, F2, F3, KERNEL, OPTIONS, evaluate, factorize, gather, newton_matrix, place
-from .sensitivity import I1, I2, gather_rows, place_rows, solve_rows
+from .integrator import F1, F2, F3, KERNEL, OPTIONS, copy_to, evaluate, factorize, gather, newton_matrix, place
+from .sensitivity import I1, I2, copy_rows, gather_rows, place_rows, solve_rows
 
 
 @njit(types.Tuple((F2, F2, F2, F3, I2, F3))(KERNEL, F2, F1, F3, F1, types.int64, F1, F1, I1, F2, F3), **OPTIONS)
@@ -30,17 +30,19 @@ def linearise(kernel, a, c, coefficients, p, m, s_start, w_start, record_k, reco
         for i in range(1, stages if index >= 0 else 2):
             if index < 0:
                 hg = 0.0
-                S[0], W[0] = s_start, w_start
+                copy_to(s_start, S[0])
+                copy_to(w_start, W[0])
                 evaluate(coefficients, 0, 0.0, U[0])
             else:
                 k, offset, h = record_k[index], record_h[index, 0], record_h[index, 1]
                 hg = h * a[i, i]
                 if i == 1:
-                    stages_w[:] = record_w[index]
-                    stages_v[0] = s0[m : 2 * m]
+                    for j in range(stages):
+                        copy_to(record_w[index, j], stages_w[j])
+                    copy_to(s0[m : 2 * m], stages_v[0])
                 gather(a, i, h, s0, stages_v, stages_w, known)
                 place(known, stages_w[i], hg, m, S[at])
-                W[at] = stages_w[i]
+                copy_to(stages_w[i], W[at])
                 evaluate(coefficients, k, offset + c[i] * h, U[at])
             kernel(S[at], W[at], U[at], p, out)
             newton_matrix(out, m, n_w, hg, factors[at])
@@ -51,9 +53,9 @@ def linearise(kernel, a, c, coefficients, p, m, s_start, w_start, record_k, reco
                     if e >= m and e < 2 * m:
                         rows[at, d, e] += hg * out[n_w + d * n_s + e - m]
             if index >= 0:
-                stages_v[i] = S[at, m : 2 * m]
+                copy_to(S[at, m : 2 * m], stages_v[i])
                 if i == stages - 1:
-                    s0[:] = S[at]
+                    copy_to(S[at], s0)
             at += 1
     return S, W, U, factors, pivots, rows
 
@@ -81,8 +83,8 @@ def respond(kernel, a, n, m, S, W, U, factors, pivots, rows, shapes, strengths, 
     at = 0
     for index in range(-1, record_k.shape[0]):
         if index >= 0:
-            dstages_v[0] = ds0[m : 2 * m]
-            dstages_w[0] = rhs
+            copy_rows(ds0, m, m, n_c, dstages_v[0])
+            copy_rows(rhs, 0, n_w, n_c, dstages_w[0])
         for i in range(1, stages if index >= 0 else 2):
             h = record_h[index, 1] if index >= 0 else 0.0
             if index >= 0:
@@ -101,14 +103,15 @@ def respond(kernel, a, n, m, S, W, U, factors, pivots, rows, shapes, strengths, 
             solve_rows(factors[at], pivots[at], n_c, rhs)
             if index >= 0:
                 place_rows(dknown, rhs, h * a[i, i], m, n_c, ds)
-                dstages_v[i] = ds[m : 2 * m]
-                dstages_w[i] = rhs
+                copy_rows(ds, m, m, n_c, dstages_v[i])
+                copy_rows(rhs, 0, n_w, n_c, dstages_w[i])
             at += 1
         if index >= 0:
-            ds0[:] = ds
+            copy_rows(ds, 0, n_s, n_c, ds0)
         k = record_k[index] if index >= 0 else -1
         if index + 1 == record_k.shape[0] or record_k[index + 1] != k:
-            states[k + 1], unknowns[k + 1] = ds, rhs
+            copy_rows(ds, 0, n_s, n_c, states[k + 1])
+            copy_rows(rhs, 0, n_w, n_c, unknowns[k + 1])
     return states, unknowns
 
 

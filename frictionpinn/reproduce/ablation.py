@@ -8,6 +8,7 @@ from typing import Any
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import OmegaConf
 
+from ..evaluate.picture import save_png
 from ..workflow.build import Config
 from ..workflow.estimate import CONFIG
 from .draw import ablation_figure
@@ -52,7 +53,7 @@ def run(options: Config, root: Path, results: Path, jobs: int) -> dict[str, Any]
                 rows[level]["in_simulation"] = by_seed({seed: _simulated(one) for seed, (one,) in evaluated.items()})
         table[name] = {"key": key, "model": cfg["models"].get(name, cfg["models"]["others"]), "levels": rows}
     found = {"unit": "N^2", "default": _defaults(table), "ablations": table}
-    ablation_figure(found).savefig(results / "ablation.png", dpi=120)
+    save_png(ablation_figure(found), results / "ablation.png")
     return found
 
 

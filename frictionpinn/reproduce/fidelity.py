@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from ..evaluate.picture import save_png
 from ..workflow.build import Config
 from .draw import errors_figure
 from .runs import Run, by_seed, finish_all, training
@@ -40,7 +41,7 @@ def run(options: Config, root: Path, results: Path, jobs: int) -> dict[str, Any]
             shutil.copy(figure, results / f"{model}_{figure.name}")
     characteristics = panels(options, made, results)
     table = errors(evaluations)
-    errors_figure(table).savefig(results / "errors.png", dpi=120)
+    save_png(errors_figure(table), results / "errors.png")
     return {
         "errors": table,
         "trajectories": next(iter(evaluations.values()))["trajectories"],

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..evaluate.estimators import error_against_time
+from ..evaluate.picture import save_png
 from ..evaluate.published import published
 from ..workflow.build import Config
 from ..workflow.estimate import default_config
@@ -35,7 +36,7 @@ def run(options: Config, root: Path, results: Path, jobs: int) -> dict[str, Any]
         methods = {method: [part["methods"][method][0] for part in parts] for method in cfg["methods"]}
         joined[name] = parts[0] | {"seeds": cfg["seeds"], "methods": methods}
     shown = {TITLES[name]: result for name, result in joined.items()}
-    error_against_time(shown).savefig(results / "identification.png", dpi=120)
+    save_png(error_against_time(shown), results / "identification.png")
     return {"protocols": joined, "published": published()["identification"]}
 
 

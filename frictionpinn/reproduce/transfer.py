@@ -6,6 +6,7 @@ import itertools
 from pathlib import Path
 from typing import Any
 
+from ..evaluate.picture import save_png
 from ..workflow.build import Config
 from .draw import transfer_figure
 from .fidelity import KINDS
@@ -34,7 +35,7 @@ def run(options: Config, root: Path, results: Path, jobs: int) -> dict[str, Any]
         test: list(_on(finished[cfg["systems"][0], cfg["models"][0], cfg["seeds"][0]][1], test)["errors"])
         for test in cfg["systems"]
     }
-    transfer_figure(found).savefig(results / "transfer.png", dpi=120)
+    save_png(transfer_figure(found), results / "transfer.png")
     return found
 
 

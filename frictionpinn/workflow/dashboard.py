@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import lightning as L
-from matplotlib.figure import Figure
+import numpy as np
 
 from .build import Config
 from .manifest import MANIFEST, read_json
@@ -72,11 +72,11 @@ class Dashboard(L.Callback):
             logger.log_metrics(truth, step=trainer.global_step)
 
 
-def show_figures(loggers, figures: Mapping[str, Figure], step: int) -> None:
-    """Add figures to the dashboard."""
+def show_figures(loggers, pictures: Mapping[str, np.ndarray], step: int) -> None:
+    """Add figures, as pixels (height, width, 4), to the dashboard."""
     for logger in loggers:
-        for name, figure in figures.items():
-            logger.experiment.add_figure(name, figure, global_step=step, close=False)
+        for name, pixels in pictures.items():
+            logger.experiment.add_image(name, pixels, global_step=step, dataformats="HWC")
 
 
 def show_hyper_parameters(loggers, cfg: Config, folder: Path, result: Mapping[str, Any], step: int) -> None:

@@ -15,6 +15,7 @@ from ..evaluate.characteristics import Characteristics, characteristics
 from ..evaluate.draw import characteristics_figure, draw
 from ..evaluate.fidelity import fidelity
 from ..evaluate.page import terminal_table, write_page
+from ..evaluate.picture import save_png
 from ..evaluate.published import add_published
 from ..evaluate.trajectory import Trajectory, compare
 from ..models import FrictionModel
@@ -126,7 +127,7 @@ def draw_characteristics(cfg: Config, path: Path) -> dict[str, Any]:
     train = build_data(trained, home).select("train")
     surfaces = build_characteristics(cfg, trained, home, model, train)
     told = _characteristics(home, surfaces)
-    characteristics_figure(surfaces, told).savefig(path, dpi=120)
+    save_png(characteristics_figure(surfaces, told), path)
     return told
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import UserError, check_processes, choose
 from ..evaluate.estimators import error_against_time, table
+from ..evaluate.picture import save_png
 from ..evaluate.style import squared
 from ..evaluate.trajectory import Trajectory, simulate, simulation_error
 from ..evaluate.yardsticks import Candidate
@@ -47,7 +48,7 @@ def identify(cfg: Config, folder: Path) -> dict[str, Any]:
     """
     result = compare(cfg)
     folder.mkdir(parents=True, exist_ok=True)
-    error_against_time({cfg["bounds"]["name"]: result}).savefig(folder / "error_against_time.png", dpi=120)
+    save_png(error_against_time({cfg["bounds"]["name"]: result}), folder / "error_against_time.png")
     write_json(folder / "result.json", result | {"versions": versions(), "commit": commit(), "config": cfg})
     log.info(table(result))
     log.info(f"error_against_time.png and result.json are in {folder}")

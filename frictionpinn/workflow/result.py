@@ -15,6 +15,7 @@ from ..evaluate.characteristics import characteristics
 from ..evaluate.draw import characteristics_figure
 from ..evaluate.figures import force_over_time, force_over_velocity, residuals
 from ..evaluate.force import CoulombViscousFit, force_errors
+from ..evaluate.picture import save_png
 from ..models import FrictionEnsemble, FrictionModel
 from ..models.base import Batch
 from ..physics import LAWS, System
@@ -78,9 +79,8 @@ def report(
         "config": cfg,
     }
     (folder / "figures").mkdir(parents=True, exist_ok=True)
-    for key, figure in drawn.items():
-        figure.savefig(folder / "figures" / f"{key}.png", dpi=120)
-    show_figures(loggers, drawn, step)
+    pictures = {key: save_png(figure, folder / "figures" / f"{key}.png") for key, figure in drawn.items()}
+    show_figures(loggers, pictures, step)
     show_hyper_parameters(loggers, cfg, folder, result, step)
     for logger in loggers:
         logger.experiment.close()  # its thread would go on writing to the run's folder

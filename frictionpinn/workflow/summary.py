@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..evaluate.picture import save_png
 from .manifest import Job, result_of, status_of
 from .summary_figure import summary_figure
 
@@ -30,7 +31,7 @@ def summarise_sweep(folder: Path, jobs: Sequence[Job], told: str) -> list[Row]:
     if any("force_rmse" in item for item in rows):
         figure = summary_figure(rows, grouped, keys)
         temporary = folder / ".summary.png"
-        figure.savefig(temporary, dpi=120, format="png")
+        save_png(figure, temporary)
         os.replace(temporary, folder / "summary.png")
     print_table(grouped, keys)
     finished = sum(item["state"] == "finished" for item in rows)
