@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..identify.advice import invert
 from ..identify.parallel import in_parallel
 from ..identify.problem import Problem
+from ..identify.solve import KNOWN, Solution, reduced
 from ..identify.units import Sizes
 
 if TYPE_CHECKING:
@@ -23,6 +25,7 @@ SPEEDS, TOGETHER = 4, 2  # Stribeck velocities tried, and at once
 WIDER, START = 2.5, 1.3  # step in the Stribeck velocity; static over Coulomb friction at the start there
 HELD = 12  # iterations at each: those that are likely need half of that
 LIKELY = 1.92  # log-likelihood that a 95 % interval allows to lose
+OPEN = 0.5  # standard error of the logarithm of static friction from which it may be a needle
 
 
 def lifted(problem: Problem, sizes: Sizes, values: Mapping[str, float]) -> dict[str, float] | None:
@@ -70,20 +73,9 @@ def widened(bench: Bench, fit: Fit) -> Fit:
     """
     if not (fit.explains and {"mu_c", "mu_s", "v_s"} <= set(fit.names)):
         return fit
-    others, k = tuple(name for name in fit.names if name != "v_s"), bench.problem.space.names.index("v_s")
-    speeds = [v for v in fit.values["v_s"] * WIDER ** np.arange(1, SPEEDS + 1) if v < bench.problem.space.high[k]]
-
-    def peaks_at(speeds: Sequence[float]) -> list[Fit]:
-        def held(k: int) -> Fit | None:
-            start = {"v_s": float(speeds[k]), "mu_s": START * fit.values["mu_c"]}
-            return bench.refit(fit, others, fit.values | start, iterations=HELD)
-
-        made = in_parallel(held, [1.0] * len(speeds))
-        return [f for f in made if f is not None and f.values["mu_s"] > PEAK[0] * f.values["mu_c"]]
-
     found, least = [fit], fit.state.cost
-    for first in range(0, len(speeds), TOGETHER):
-        peaks = peaks_at(speeds[first : first + TOGETHER])  # none: no width shows
+    for first in range(1, SPEEDS + 1, TOGETHER):
+        peaks = _wider(bench, fit, range(first, first + TOGETHER))  # none: no width shows
         found, least = [*found, *peaks], min([least, *(f.state.cost for f in peaks)])
         if all(f.state.cost > least + LIKELY for f in peaks):  # nor is any that is wider
             break
@@ -92,3 +84,40 @@ def widened(bench: Bench, fit: Fit) -> Fit:
         return fit
     free = bench.refit(best, fit.names, best.values, iterations=0)
     return fit if free is None else replace(free, minima=fit.minima, searched=fit.searched, starts=fit.starts)
+
+
+def _wider(bench: Bench, fit: Fit, steps: Sequence[int]) -> list[Fit]:
+    """Fits with a Stribeck velocity held so many steps above the fit's, where static friction shows at it."""
+    others, k = tuple(name for name in fit.names if name != "v_s"), bench.problem.space.names.index("v_s")
+    speeds = [v for v in fit.values["v_s"] * WIDER ** np.array(steps) if v < bench.problem.space.high[k]]
+
+    def held(k: int) -> Fit | None:
+        start = {"v_s": float(speeds[k]), "mu_s": START * fit.values["mu_c"]}
+        return bench.refit(fit, others, fit.values | start, iterations=HELD)
+
+    made = in_parallel(held, [1.0] * len(speeds))
+    return [f for f in made if f is not None and f.values["mu_s"] > PEAK[0] * f.values["mu_c"]]
+
+
+def blunted(bench: Bench, fit: Fit, bent: Callable[[Fit, Fit], bool]) -> Fit:
+    """The fit or, where its static friction is a needle that ``bent`` does not let have, one with a blunter peak.
+
+    A needle may be likelier than any wider peak and still follow but the noise of a few breakaways. It stays one of the
+    likelihood's minima: what it leaves open the intervals tell.
+    """
+    if not (fit.explains and fit.state.curved and {"mu_c", "mu_s", "v_s"} <= set(fit.names)):
+        return fit
+    if np.sqrt(invert(reduced(fit.state)[0]).diagonal()[fit.names.index("mu_s")]) < OPEN:
+        return fit
+    starts = [
+        {"mu_s": ratio * fit.values["mu_c"], "v_s": fit.values["v_s"] * WIDER**step}
+        for step in range(1, TOGETHER + 1) for ratio in (START, PEAK[1])
+    ]  # fmt: skip
+    made = in_parallel(lambda k: bench.refit(fit, fit.names, bench.clip(fit.values | starts[k])), [1.0] * len(starts))
+    best = fit
+    for blunter in sorted((f for f in made if f is not None), key=lambda f: f.state.cost):
+        best = blunter if bent(blunter, best) else best
+    if best is fit:
+        return fit
+    both = tuple(Solution(f.state, 0, 0, KNOWN) for f in (best, fit))
+    return replace(best, minima=(*both, *fit.minima[1:]), searched=True)

@@ -11,12 +11,13 @@ import pytest
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose import bench as benches
+from frictionpinn.diagnose import restarts
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.candidates import candidates
 from frictionpinn.diagnose.diagnosis import _bench
 from frictionpinn.diagnose.fit import Fit
 from frictionpinn.diagnose.observe import scales, simulations
-from frictionpinn.diagnose.restarts import lifted, peaked, widened
+from frictionpinn.diagnose.restarts import blunted, lifted, peaked, widened
 from frictionpinn.diagnose.select import Settings, _beside_vanished
 from frictionpinn.identify.problem import Problem
 from frictionpinn.identify.solve import State
@@ -121,6 +122,31 @@ def test_a_peak_is_as_wide_as_the_data_allow(made, monkeypatch, costs, peak, wid
     assert found.values["v_s"] == pytest.approx(width)
     monkeypatch.setattr(Fit, "explains", False)
     assert widened(None, needle) is needle
+
+
+@pytest.mark.parametrize(
+    ("untold", "contradicted", "width"),
+    [
+        (0.0, lambda old, new: True, 2.5**2),  # each is better than the one before, in the order of their costs
+        (0.0, lambda old, new: new.values["v_s"] < 2e-4, 2.5),  # the needle alone
+        (0.0, lambda old, new: False, 1.0),
+        (np.inf, lambda old, new: True, 1.0),  # the data tell the static friction
+    ],
+)
+def test_a_needle_gives_way_to_a_blunter_peak_where_held_out_trials_contradict_it(
+    made, monkeypatch, untold, contradicted, width
+):
+    base = made.base()
+    needle = replace(base, values=base.values | {"mu_c": 0.3, "mu_s": 2.0, "v_s": 1e-4})
+    monkeypatch.setattr(Fit, "explains", True)
+    monkeypatch.setattr(restarts, "OPEN", untold)
+
+    def refit(fit, names, values):
+        return replace(fit, values=values, state=SimpleNamespace(cost=fit.state.cost + 1e5 * values["v_s"]))
+
+    found = blunted(SimpleNamespace(refit=refit, clip=dict), needle, contradicted)
+    assert found.values["v_s"] == pytest.approx(1e-4 * width)
+    assert found is needle or [s.state for s in found.minima] == [found.state, needle.state]
 
 
 def test_a_search_anew_never_ends_above_the_fit_that_it_starts_from(made):
