@@ -19,6 +19,7 @@ from frictionpinn.diagnose.fit import Fit
 from frictionpinn.diagnose.observe import scales, simulations
 from frictionpinn.diagnose.restarts import blunted, lifted, peaked, widened
 from frictionpinn.diagnose.select import Settings, _beside_vanished
+from frictionpinn.identify import likelihood
 from frictionpinn.identify.problem import Problem
 from frictionpinn.identify.solve import State
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
@@ -179,6 +180,17 @@ def test_what_stays_moves_to_the_minimum_of_the_quadratic_model_without_what_goe
     free = Bench.without(stub, fit, ["drag"])
     moved = np.linalg.solve(S[np.ix_([0, 2], [0, 2])], -S[[0, 2], 1] * -0.2)
     assert free.values == pytest.approx({"mu_c": 0.5 + moved[0], "drag": 0.0, "shape": 0.3 + moved[1]})
+
+
+def test_a_fit_settles_at_other_noise_levels_from_the_starts_of_its_search(made, monkeypatch):
+    fit = made.search(made.base())
+    assert fit.searched and fit.starts
+    louder = replace(fit, sigmas={name: 1.5 * sigma for name, sigma in fit.sigmas.items()})
+    monkeypatch.setattr(likelihood, "find_start", lambda *a, **k: pytest.fail("looked for starts again"))
+    found = made.settle(louder)
+    assert found.searched and found.starts == fit.starts
+    assert made.estimate.details["starts"]
+    assert made.starts[0].keys() == set(made.declared)
 
 
 def test_a_refit_ends_where_it_stands_once_it_takes_more_steps_than_any_model_should(made, monkeypatch):

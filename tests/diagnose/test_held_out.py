@@ -57,6 +57,13 @@ def test_what_the_fitted_trials_tell_is_held_against_the_fit(bench):
     assert surprise(bench, off(fit, "sigma_2", 1.5, known=True)) > surprise(bench, fit) + 50
 
 
+def test_a_fit_is_judged_once_and_one_with_other_values_by_itself(bench):
+    fit = bench.base()
+    assert check(bench, fit) is check(bench, replace(fit, minima=(), searched=True))
+    other = replace(fit, values=fit.values | {"mu_c": 1.01 * fit.values["mu_c"]})
+    assert check(bench, other).state.cost > check(bench, fit).state.cost
+
+
 def test_a_gain_is_that_of_the_parameters_as_fitted_where_it_is_enough(bench):
     fit = bench.base()
     wrong = off(fit, "sigma_2", 1.5, known=True)

@@ -83,6 +83,13 @@ def test_a_rival_that_stopped_just_short_of_a_promise_that_held_is_searched_thou
     assert names(refitted(tries.bench, fit(11980, 70.0), classes, ())) == ["position_friction", "ripple"]
 
 
+def test_a_rival_that_the_search_of_the_best_leaves_out_of_reach_is_not_searched(tries):
+    best, rival = fit(480, 1.0), fit(500, 1.0)
+    tries.found, tries.better = {"drag": best, "ripple": rival}, {id(best): fit(400, 1.0)}
+    assert names(refitted(tries.bench, fit(1000, 20.0), [[option("drag", 0)], [option("ripple", 1)]], ()))[0] == "drag"
+    assert tries.searched == [best]
+
+
 def test_of_rivals_that_the_score_tests_cannot_tell_apart_one_is_searched_anew(tries):
     offset, bias, drag = fit(80, 1.0), fit(84, 1.0), fit(86, 1.0)
     tries.found = {"com_offset": offset, "sensor_bias": bias, "drag": drag}
