@@ -61,7 +61,7 @@ def moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:
     """The fit anew, from the best's unknowns that they share, and strengths that do what the best's do."""
     tested, fit = own
     alike = _alike_strength(tested, best) if mates(tested, best[0]) else {}
-    there = _in_place_of(bench, own, best) if mates(tested, best[0]) and not alike else None
+    there = in_place_of(bench, own, best) if mates(tested, best[0]) and not alike else None
     if there is None:
         private = {*tested.candidate.strengths, *tested.candidate.hidden}
         shared = {name: best[1].values[name] for name in fit.names if name in best[1].names and name not in private}
@@ -70,7 +70,7 @@ def moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:
     return tried(bench, there, fit.names, there.values, fit.state.cost + NEAR)
 
 
-def _in_place_of(bench: Bench, own: Contender, best: Contender) -> Fit | None:
+def in_place_of(bench: Bench, own: Contender, best: Contender) -> Fit | None:
     """The best with one's own strengths for its own, all else where the quadratic model then has its minimum.
 
     A gradient of friction stood in a wrong minimum beside a ripple whose mean did what its Coulomb friction had to do.
