@@ -20,7 +20,7 @@ MENDED = {
     "low_speed": (16, 36, 74, 75),
     "drag": (72,),
     "adhesion": (73,),
-    "position_friction": (72, 78),
+    "position_friction": (72, 78, 80),
     "sensor_bias": (29,),
     "ripple": (79,),
     "sensor_scale": (79,),

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..identify.parallel import in_parallel
-from .bench import NEAR, SHORT, Bench, tried
-from .candidates import Candidate
+from .bench import SHORT, Bench
 from .fit import Fit
 from .minima import (
     BATCH,
@@ -26,8 +25,9 @@ from .minima import (
     try_others,
 )
 from .restarts import lifted
-from .rivals import Contender, best_of, in_place_of, levelled, mates, twins
-from .scan import Tested, scan
+from .rivals import Contender, best_of, levelled, mates, twins
+from .scan import Tested
+from .simpler import simpler
 from .tries import ASTRAY, ROUGH, add, better, leaves_little, penalised, reach
 
 log = logging.getLogger(__name__)
@@ -36,7 +36,6 @@ CONTENDERS = 7  # candidates that are refitted in a round
 WORTH = 0.5, 0.25  # of the best statistic: candidates with less are not refitted; where the fit is astray
 MATES = 3  # of the best contender, if it leaves more than noise: refitted too
 NEXT = 2  # contenders tried beside a leader that leaves little, before that is searched anew
-SIMPLER = 2  # candidates of fewer parameters tried in the place of a best that explains
 LIFTED = 3  # candidates tried beside a friction that had vanished
 
 
@@ -78,7 +77,7 @@ def refitted(
     if fits and not explained(fits):
         fits = _alike_refitted(bench, before, classes, fits)
     elif fits:
-        fits = _levelled(bench, [*fits, *_simpler(bench, before, classes, fits, others)])
+        fits = _levelled(bench, [*fits, *simpler(bench, before, classes, fits, others)])
     if bench.mechanism.memory and fits:
         if explained(fits):
             fits = rivals_searched(bench, before, fits)
@@ -156,42 +155,6 @@ def _promising_first(bench: Bench, before: Fit, classes: list[list[Tested]]) -> 
         return [(tested, None) for tested in heads]
     looks = zip(heads, looks_at(bench, before, heads), strict=True)
     return sorted(looks, key=lambda pair: np.inf if pair[1] is None else penalised(pair[1]))
-
-
-def _simpler(
-    bench: Bench, before: Fit, classes: list[list[Tested]], fits: Sequence[Contender], others: Sequence[Tested]
-) -> list[Contender]:
-    """Candidates of fewer parameters than a best that explains the residual, which do as much in its place.
-
-    Score tests made in a wrong minimum may hide them. They are tested again where the best leads with its strengths
-    taken out, all else where the quadratic model then has its minimum: what is missing there is what the best adds.
-    """
-    tested, fit = best_of(fits)
-    there, size = tested.candidate, len({*fit.names} - {*before.names})
-    seen = {pair[0].candidate.name for pair in fits}
-    fewer = [t.candidate for t in others if t.candidate.name not in seen and _size(t.candidate) < size]
-    if not (bench.mechanism.memory and fit.explains and fewer):
-        return []
-    out = bench.without(fit, there.strengths, there.hidden)
-    base = bench.refit(out, before.names, out.values, iterations=0)
-    if base is None:
-        return []
-    asked = [replace(t, beside=base.values) for t in scan(bench, base, fewer, (), {}).tested[:SIMPLER]]
-
-    def instead(k: int) -> Fit | None:
-        names = (*before.names, *asked[k].candidate.strengths, *asked[k].candidate.hidden)
-        own = replace(fit, names=names, values=fit.values | asked[k].shape)
-        start = in_place_of(bench, (asked[k], own), (tested, fit))
-        return None if start is None else tried(bench, start, names, start.values, fit.state.cost + NEAR)
-
-    made = in_parallel(instead, [1.0] * len(asked))
-    found = [(t, own) for t, own in zip(asked, made, strict=True) if own is not None]
-    classes += [[t] for t, _ in found]
-    return found
-
-
-def _size(candidate: Candidate) -> int:
-    return len(candidate.strengths) + len(candidate.hidden)
 
 
 def _best_of_each(fits: Sequence[Contender]) -> list[Contender]:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from frictionpinn.diagnose import minima, refits, rivals
+from frictionpinn.diagnose import minima, refits, rivals, simpler
 from frictionpinn.diagnose.candidates import Candidate
 
 
@@ -50,7 +50,7 @@ def contest_stub(monkeypatch):
     for module in (refits, minima):
         monkeypatch.setattr(module, "add", add)
     monkeypatch.setattr(refits, "lifted", lambda *a: None)
-    for module in (refits, rivals):
+    for module in (refits, rivals, simpler):
         monkeypatch.setattr(module, "replace", lambda item, **changes: SimpleNamespace(**(vars(item) | changes)))
     return seen
 

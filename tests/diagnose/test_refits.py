@@ -7,8 +7,9 @@ from types import SimpleNamespace
 import pytest
 from contending import contest_stub, fit, names, option
 
-from frictionpinn.diagnose import minima, refits
+from frictionpinn.diagnose import minima, refits, simpler
 from frictionpinn.diagnose import tries as tries_
+from frictionpinn.diagnose.candidates import Candidate
 from frictionpinn.diagnose.minima import AT_ONCE, BATCH, BETTER
 from frictionpinn.diagnose.refits import refitted
 
@@ -124,6 +125,24 @@ def test_beside_what_leaves_little_a_candidate_that_gains_nothing_at_a_first_loo
     found = refitted(tries.bench, fit(1000), classes, ())
     assert tries.refitted == ["spring_force", "asymmetry"]
     assert names(found) == ["spring_force", "asymmetry", "ripple"]
+
+
+def test_an_effect_of_fewer_parameters_is_tried_in_the_place_of_a_best_that_explains(tries, monkeypatch):
+    ripple, gradient, alike = option("ripple"), option("position_friction", 1), option("vibration", 2)
+    for one, name in ((ripple, "ripple"), (alike, "vibration")):
+        one.candidate = Candidate(name, name, (f"{name}_sin", f"{name}_cos"), (f"{name}_length",))
+    best = fit(100, 1.0)
+    best.names = ("mu_c", *ripple.candidate.strengths, *ripple.candidate.hidden)
+    tries.found = {"ripple": best}
+    tries.bench.without = lambda own, gone, held: fit(900)
+    tries.bench.refit = lambda own, names, values, **options: fit(900 if options.get("iterations") == 0 else 90, 1.0)
+    asked = []
+    told = SimpleNamespace(tested=[gradient])
+    monkeypatch.setattr(simpler, "scan", lambda bench, at, options, *a: asked.extend(options) or told)
+    found = refitted(tries.bench, fit(1000, 20.0), classes := [[ripple]], [gradient, alike])
+    assert names(found) == ["position_friction", "ripple"]
+    assert asked == [gradient.candidate] and len(classes) == 2
+    assert tries.refitted == ["ripple"]  # the score tests had not shown it
 
 
 def test_where_no_contender_explains_the_residual_the_best_of_all_others_are_refitted(tries):
