@@ -23,6 +23,7 @@ GONE = 1e-2  # of the friction force: Coulomb or viscous friction below it has v
 PEAK = 1.2, 2.0  # static over Coulomb friction: gone below, where it starts anew
 SPEEDS, TOGETHER = 4, 2  # Stribeck velocities tried, and at once
 WIDER, START = 2.5, 1.3  # step in the Stribeck velocity; static over Coulomb friction at the start there
+BLUNTER = 2  # such steps from which a needle is fitted again
 HELD = 12  # iterations at each: those that are likely need half of that
 LIKELY = 1.92  # log-likelihood that a 95 % interval allows to lose
 OPEN = 0.5  # standard error of the logarithm of static friction from which it may be a needle
@@ -111,7 +112,7 @@ def blunted(bench: Bench, fit: Fit, bent: Callable[[Fit, Fit], bool]) -> Fit:
         return fit
     starts = [
         {"mu_s": ratio * fit.values["mu_c"], "v_s": fit.values["v_s"] * WIDER**step}
-        for step in range(1, TOGETHER + 1) for ratio in (START, PEAK[1])
+        for step in range(1, BLUNTER + 1) for ratio in (START, PEAK[1])
     ]  # fmt: skip
     made = in_parallel(lambda k: bench.refit(fit, fit.names, bench.clip(fit.values | starts[k])), [1.0] * len(starts))
     best = fit
