@@ -43,7 +43,7 @@ check: $(STAMP)
 	$(BIN)/mypy
 
 test: check
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 paper: $(STAMP)
 	$(BIN)/python reproduce.py

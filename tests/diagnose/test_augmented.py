@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from commands import call
 
 from frictionpinn.diagnose.augmented import folded
 from frictionpinn.errors import UserError
@@ -62,12 +61,11 @@ def test_what_is_no_force_of_the_moment_is_refused_by_name(tmp_path, effect):
 
 def test_training_takes_a_saved_model_as_friction(tmp_path):
     path = saved(tmp_path, {"asymmetry": {"asymmetry": 0.04}})
-    command = [sys.executable, str(ROOT / "train.py"), "model=pe1", f"friction={path.name}", "trainer.max_epochs=2",
-               "trainer.threads=1", "data.rate_hz=100", "hydra.run.dir=run"]  # fmt: skip
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    options = ["trainer.max_epochs=2", "trainer.threads=1", "data.rate_hz=100", "hydra.run.dir=run"]
+    done = call("train.py", "model=pe1", f"friction={path.name}", *options, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     result = json.loads((tmp_path / "run" / "result.json").read_text())
     assert result["config"]["system"]["augmented"] == str(path)
     assert result["parameters"]["mu_s"]["start"] == pytest.approx(0.5)
-    refused = subprocess.run([*command[:4], "system=drive"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    refused = call("train.py", "model=pe1", f"friction={path.name}", "system=drive", cwd=tmp_path)
     assert refused.returncode == 2 and "friction model of another system" in refused.stderr

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import call
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
@@ -67,7 +65,7 @@ def _make(name: str, folder: Path) -> Exported:
         cfg = OmegaConf.to_container(compose("train", overrides=[f"model={name}", *OPTIONS]), resolve=True)
     train(cfg, folder)  # type: ignore[arg-type]
     forms = [form for form, package in (("onnx", "onnxruntime"), ("mujoco", "mujoco"), ("c", "")) if _has(package)]
-    told = call(f"run={folder}", f"export=[{','.join(forms)}]")
+    told = call("evaluate.py", f"run={folder}", f"export=[{','.join(forms)}]")
     assert told.returncode == 0, told.stderr
     trained, system, model = load_run(folder)
     portable = PortableModel.of(model, system, 1 / 200)
@@ -78,13 +76,6 @@ def _has(package: str) -> bool:
     import importlib.util
 
     return not package or importlib.util.find_spec(package) is not None
-
-
-def call(*arguments: str) -> subprocess.CompletedProcess:
-    """``python evaluate.py ...`` in a process of its own."""
-    environment = {key: value for key, value in os.environ.items() if key != "HYDRA_FULL_ERROR"}
-    command = [sys.executable, str(ROOT / "evaluate.py"), *arguments]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=240, check=False)
 
 
 @pytest.fixture(scope="session")

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from commands import call
 
 from frictionpinn.errors import UserError
 from frictionpinn.reproduce import runs
@@ -110,11 +109,7 @@ def test_make_paper_runs_a_part_from_the_command_line(workdir):
     options = ["parts=[transfer]", f"setting.transfer.train={tiny}", f"setting.transfer.evaluate={brief}", "jobs=1"]
     options += ["setting.transfer.models=[bb1]", "setting.transfer.systems=[sdob]", "setting.transfer.seeds=[1]"]
     options += ["results=found", "pages=pages", "document=paper.md"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "reproduce.py"), *options],
-        cwd=workdir, env=environment, capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
+    done = call("reproduce.py", *options, cwd=workdir, PYTHONPATH=str(ROOT))
     assert done.returncode == 0, done.stderr
     cell = json.loads((workdir / "found" / "transfer.json").read_text())["matrix"]["bb1"]["sdob"]["sdob"]
     assert f"| BB1 | sdob | sdob | {number(cell['online']['value'])} |" in (workdir / "paper.md").read_text()

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from commands import call
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
@@ -67,11 +66,7 @@ def command() -> Callable[..., subprocess.CompletedProcess]:
     """Call ``python train.py ...`` in a folder, in its own process."""
 
     def run(folder: Path, *overrides: str, **variables: str) -> subprocess.CompletedProcess:
-        environment = {key: value for key, value in os.environ.items() if key != "HYDRA_FULL_ERROR"} | variables
-        arguments = [sys.executable, str(ROOT / "train.py"), *overrides]
-        return subprocess.run(
-            arguments, cwd=folder, env=environment, capture_output=True, text=True, timeout=240, check=False
-        )
+        return call("train.py", *overrides, cwd=folder, **variables)
 
     return run
 

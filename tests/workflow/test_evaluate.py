@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import call
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
@@ -201,11 +199,7 @@ def test_a_mistake_on_the_command_line_is_explained(wrong, told):
 
 
 def test_the_command_prints_the_table_and_leaves_nothing_else_behind(run, tmp_path):
-    arguments = [sys.executable, str(ROOT / "evaluate.py"), f"run={run}", *BRIEF]
-    environment = {key: value for key, value in os.environ.items() if key != "HYDRA_FULL_ERROR"}
-    process = subprocess.run(
-        arguments, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=240, check=False
-    )
+    process = call("evaluate.py", f"run={run}", *BRIEF, cwd=tmp_path)
     assert process.returncode == 0, process.stderr
     assert "PE1" in process.stdout and "Coulomb + viscous fit" in process.stdout
     assert process.stdout.splitlines()[-1].endswith(str(run / "evaluation"))

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from commands import call
 
 from frictionpinn.errors import UserError
 from frictionpinn.models import FrictionModel
@@ -144,9 +145,7 @@ def test_a_sweep_on_a_full_disk_is_told_in_lines_without_a_traceback(command, sm
 def test_what_evaluate_cannot_write_is_one_line(quick, tmp_path):
     quick(tmp_path / "run", "model=bb1")
     (tmp_path / "run" / "export").write_text("a file where the folder of the exports would be")
-    root = Path(__file__).resolve().parents[2]
-    command = [sys.executable, str(root / "evaluate.py"), f"run={tmp_path}/run", "export=c"]
-    process = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
+    process = call("evaluate.py", f"run={tmp_path}/run", "export=c")
     (line,) = process.stderr.splitlines()
     assert process.returncode == 2 and line.startswith("error: cannot write: ")
 
