@@ -280,12 +280,19 @@ class Bench:
         return in_parallel(work, [len(model.t) for model in fit.models])
 
 
-def tried(bench: Bench, fit: Fit, names: Sequence[str], values: Mapping[str, float], near: float) -> Fit | None:
+def tried(
+    bench: Bench,
+    fit: Fit,
+    names: Sequence[str],
+    values: Mapping[str, float],
+    near: float,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+) -> Fit | None:
     """Refit, given up after a short try that does not bring the cost below ``near``."""
-    found = bench.refit(fit, names, values, iterations=SHORT)
+    found = bench.refit(fit, names, values, limits=limits, iterations=SHORT)
     if found is None or found.state.cost > near:
         return found
-    more = bench.refit(found, found.names, found.values)
+    more = bench.refit(found, found.names, found.values, limits=limits)
     return found if more is None else more
 
 

@@ -99,7 +99,8 @@ def _asked(beside: Callable[[], Sequence[Tested]], classes: list[list[Tested]]) 
 def _added(bench: Bench, before: Fit, tested: Tested, looked: Fit | None, fits: Sequence[Contender]) -> list[Contender]:
     """A candidate refitted, if a first look does not tell that it is out of the question."""
     if not _nearly(before, fits):
-        found = add(bench, before, tested, looked=looked)
+        near = before.state.cost - WORTH[1] * gained(before, best_of(fits)[1]) if fits else None
+        found = add(bench, before, tested, looked=looked, near=near)
     elif looked is not None and gained(before, looked) < WORTH[1] * gained(before, best_of(fits)[1]):
         found = looked
     else:  # it has to be as good from where it stands, or from the best

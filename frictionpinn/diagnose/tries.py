@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .bench import Bench
+from .bench import Bench, tried
 from .fit import Fit
 from .restarts import lifted
 from .scan import Tested
@@ -43,11 +43,18 @@ def look(bench: Bench, fit: Fit, tested: Tested) -> Fit | None:
 
 
 def add(
-    bench: Bench, fit: Fit, tested: Tested, thorough: bool = True, looked: Fit | None = None, **options: Any
+    bench: Bench,
+    fit: Fit,
+    tested: Tested,
+    thorough: bool = True,
+    looked: Fit | None = None,
+    near: float | None = None,
+    **options: Any,
 ) -> Fit | None:
     """Refit with a candidate's strengths and hidden parameters, from the fit and, where that is astray, from others.
 
-    The first refit goes on from where a first look ended, if there was one. ``options`` as of :meth:`Bench.refit`.
+    The first refit goes on from where a first look ended, if there was one; the others, and that if there was, are
+    given up after a short try that does not bring the cost below ``near``. ``options`` as of :meth:`Bench.refit`.
     """
     limits, step = reach(tested), tested.step
     names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
@@ -60,7 +67,11 @@ def add(
         for share in (0.0, 1.0):
             values = {**base, **tested.shape} | {name: share * value for name, value in step.items()}
             start, values = (fit, bench.clip(values)) if looked is None else (looked, looked.values)
-            found, looked = bench.refit(start, names, values, limits=limits, **options), None
+            if near is not None and (tries or looked is not None):
+                found = tried(bench, start, names, values, near, limits)
+            else:
+                found = bench.refit(start, names, values, limits=limits, **options)
+            looked = None
             if found is not None:
                 tries.append(found)
             if found is not None and found.state.cost < worth:
