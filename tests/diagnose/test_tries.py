@@ -1,0 +1,74 @@
+"""How long the starts of a candidate's refit are followed."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from contending import contest_stub, fit, option
+
+from frictionpinn.diagnose import refits, tries
+from frictionpinn.diagnose.bench import SHORT
+from frictionpinn.diagnose.refits import refitted
+from frictionpinn.diagnose.tries import add
+
+WHOLE = None  # as many iterations as a refit takes
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """A bench whose refits end at the costs that it is given, one after another, and what they were asked."""
+    monkeypatch.setattr(tries, "lifted", lambda *a: None)
+    seen = SimpleNamespace(costs=[], asked=[])
+
+    def refit(start, names, values, limits=None, iterations=WHOLE):
+        seen.asked.append(iterations)
+        return SimpleNamespace(**(vars(fit(seen.costs.pop(0), 200.0)) | {"names": names}))
+
+    seen.bench = SimpleNamespace(refit=refit, clip=dict, problem=None, sizes=None, starts=[{"mu_c": 0.4}])
+    return seen
+
+
+def candidate(statistic: float):
+    tested = option("drag", statistic=statistic)
+    tested.candidate = SimpleNamespace(
+        **{name: getattr(tested.candidate, name) for name in ("strengths", "hidden", "grid")}
+    )
+    return tested
+
+
+def test_starts_after_the_first_are_given_up_where_they_stay_far_behind_the_best(made):
+    made.costs = [990, 985, 980, 995]
+    assert add(made.bench, fit(1000, 250.0), candidate(2000.0), near=775.0).state.cost == 980
+    assert made.asked == [WHOLE, SHORT, SHORT, SHORT]
+
+
+def test_a_start_that_comes_near_the_best_is_followed_to_its_end(made):
+    made.costs = [990, 700, 650, 980, 985]
+    assert add(made.bench, fit(1000, 250.0), candidate(2000.0), near=775.0).state.cost == 650
+    assert made.asked == [WHOLE, SHORT, WHOLE, SHORT, SHORT]
+
+
+def test_a_start_that_a_look_has_ranked_is_given_up_like_the_others(made):
+    made.costs = [990, 985, 980, 995]
+    add(made.bench, fit(1000, 250.0), candidate(2000.0), looked=fit(991, 250.0), near=775.0)
+    assert made.asked == [SHORT] * 4
+
+
+def test_the_first_candidate_is_followed_from_every_start(made):
+    made.costs = [990, 985, 980, 995]
+    add(made.bench, fit(1000, 250.0), candidate(2000.0))
+    assert made.asked == [WHOLE] * 4
+
+
+def test_a_candidate_is_far_behind_where_it_gains_less_than_a_quarter_of_the_best(monkeypatch):
+    contest, told = contest_stub(monkeypatch), {}
+    contest.found = {"drag": fit(100, 100.0), "ripple": fit(900, 240.0)}
+
+    def noted(bench, before, t, thorough=True, near=None, **options):
+        told.setdefault(t.candidate.effect, near)
+        return contest.found[t.candidate.effect]
+
+    monkeypatch.setattr(refits, "add", noted)
+    refitted(contest.bench, fit(1000, 250.0), [[option("drag", 0)], [option("ripple", 1)]], ())
+    assert told == {"drag": None, "ripple": pytest.approx(1000 - 0.25 * 900)}
