@@ -16,13 +16,12 @@ from .fit import Fit
 from .held_out import compared_gains, held_out_gain
 from .minima import DEEP, gained
 from .refits import contenders, refitted
-from .rivals import Contender
+from .rivals import RIVAL, Contender
 from .scan import Tested
 from .tries import penalised
 
 DECISIVE = 2.0  # log-likelihood of the held-out trials by which one of several rivals wins
 TIED = 1.0  # log-likelihood: of fits that differ by less, on either trials, the more usual effect stands first
-RIVAL = 6.0  # log-likelihood: candidates whose fits differ by less are not told apart
 
 
 @dataclass(frozen=True)

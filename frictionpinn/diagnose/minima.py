@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ..identify.parallel import in_parallel
 from .bench import NEAR, Bench
 from .fit import Fit
-from .rivals import Contender, best_of, levelled, moved, twins
+from .rivals import RIVAL, Contender, best_of, levelled, moved, twins
 from .scan import Tested
 from .tries import ASTRAY, add, better, leaves_little, look, penalised
 
@@ -138,7 +138,8 @@ def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> lis
 
     Where all gained about what was promised, the fits lie where the linear model says: none is searched if the best is
     ahead by more than that model may err. A best that none is near is searched where it stopped far short. The best
-    comes first: what that gains may put others out of reach, once they were fitted from there.
+    comes first: what that gains may put others out of reach, once they were fitted from there. Not those that were not
+    told apart from it before: it may have gained by a needle of static friction to which only a search leads.
     """
     best, near = best_of(fits), _in_reach(before, fits)
     ahead = penalised(best[1]) + AS_PROMISED * _most(before, fits)
@@ -151,11 +152,13 @@ def rivals_searched(bench: Bench, before: Fit, fits: Sequence[Contender]) -> lis
         return list(fits)
     first = best if any(pair is best for pair in near) else near[0]
     count, names = len(near), [pair[0].candidate.name for pair in near]
+    tied = [p[0].candidate.name for p in near if abs(penalised(p[1]) - penalised(first[1])) < RIVAL]
     fits = sorted(fits, key=lambda pair: pair[0].candidate.name not in names)
     fits = levelled(bench, _anew(bench, fits, [first]), count)
     # Of those that the score tests do not tell apart one is searched, the others from there.
     done, heads = [first], list[Contender]()
-    for pair in _in_reach(before, fits):
+    beyond = [pair for pair in fits if pair[0].candidate.name in tied]
+    for pair in (*_in_reach(before, fits), *beyond):
         if pair[0].candidate.name in names and not any(twins(pair[0], other[0]) for other in (*done, *heads)):
             heads.append(pair)
     found = _anew(bench, fits, heads)

@@ -12,6 +12,7 @@ from .scan import Tested
 from .score import ALIKE
 from .tries import better, penalised
 
+RIVAL = 6.0  # log-likelihood: candidates whose fits differ by less are not told apart
 TOLD = 1.0  # log-likelihood: fits that may be equal, but differ by more, are fitted from one another
 MATE = 0.9  # cosine of two traces from which the strength of one is told from the other's
 

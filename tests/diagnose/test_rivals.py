@@ -83,11 +83,14 @@ def test_a_rival_that_stopped_just_short_of_a_promise_that_held_is_searched_thou
     assert names(refitted(tries.bench, fit(11980, 70.0), classes, ())) == ["position_friction", "ripple"]
 
 
-def test_a_rival_that_the_search_of_the_best_leaves_out_of_reach_is_not_searched(tries):
-    best, rival = fit(480, 1.0), fit(500, 1.0)
+@pytest.mark.parametrize(("cost", "searched"), [(500, False), (485, True)])
+def test_a_rival_that_the_search_of_the_best_leaves_out_of_reach_is_searched_only_if_both_were_level(
+    tries, cost, searched
+):
+    best, rival = fit(480, 1.0), fit(cost, 1.0)
     tries.found, tries.better = {"drag": best, "ripple": rival}, {id(best): fit(400, 1.0)}
     assert names(refitted(tries.bench, fit(1000, 20.0), [[option("drag", 0)], [option("ripple", 1)]], ()))[0] == "drag"
-    assert tries.searched == [best]
+    assert tries.searched == [best, rival][: 1 + searched]
 
 
 def test_of_rivals_that_the_score_tests_cannot_tell_apart_one_is_searched_anew(tries):
