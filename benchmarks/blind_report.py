@@ -15,7 +15,7 @@ COMMAND = "python benchmarks/blind.py"
 MENDED = {
     "com_offset": (14, 16, 22),
     "constant_force": (23, 33, 37, 75),
-    "spring_force": (74,),
+    "spring_force": (74, 84),
     "payload": (17, 27, 30),
     "low_speed": (16, 36, 74, 75),
     "drag": (72,),

@@ -65,7 +65,7 @@ def select(
     """
     fit = widened(bench, bench.base())
     found = scan(bench, fit, options, remainders, places)
-    selection = Selection(fit, fit, found, found)
+    selection, again = Selection(fit, fit, found, found), False
     while len(selection.accepted) < settings.most:
         taken = {name for a in selection.accepted for name in a.candidate.strengths}
         banned = {r.candidate.name for r in selection.refused}
@@ -88,6 +88,10 @@ def select(
             break
         selection.accepted.append(accepted)
         _polish(bench, selection, options, remainders, places, settings)
+        if (
+            not selection.accepted and not again
+        ):  # it but led out of a wrong minimum: what was refused there is asked anew
+            selection.refused, again = [], True
     if selection.accepted:
         _blunt(bench, selection)
     return selection
