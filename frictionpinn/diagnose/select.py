@@ -88,9 +88,8 @@ def select(
             break
         selection.accepted.append(accepted)
         _polish(bench, selection, options, remainders, places, settings)
-        if (
-            not selection.accepted and not again
-        ):  # it but led out of a wrong minimum: what was refused there is asked anew
+        if not selection.accepted and not again:
+            # It but led out of a wrong minimum: what was refused there is asked anew.
             selection.refused, again = [], True
     if selection.accepted:
         _blunt(bench, selection)

@@ -29,35 +29,27 @@ def made(monkeypatch):
     return seen
 
 
-def candidate(statistic: float):
-    tested = option("drag", statistic=statistic)
-    tested.candidate = SimpleNamespace(
-        **{name: getattr(tested.candidate, name) for name in ("strengths", "hidden", "grid")}
-    )
-    return tested
-
-
 def test_starts_after_the_first_are_given_up_where_they_stay_far_behind_the_best(made):
     made.costs = [990, 985, 980, 995]
-    assert add(made.bench, fit(1000, 250.0), candidate(2000.0), near=775.0).state.cost == 980
+    assert add(made.bench, fit(1000, 250.0), option("drag", statistic=2000.0), near=775.0).state.cost == 980
     assert made.asked == [WHOLE, SHORT, SHORT, SHORT]
 
 
 def test_a_start_that_comes_near_the_best_is_followed_to_its_end(made):
     made.costs = [990, 700, 650, 980, 985]
-    assert add(made.bench, fit(1000, 250.0), candidate(2000.0), near=775.0).state.cost == 650
+    assert add(made.bench, fit(1000, 250.0), option("drag", statistic=2000.0), near=775.0).state.cost == 650
     assert made.asked == [WHOLE, SHORT, WHOLE, SHORT, SHORT]
 
 
 def test_a_start_that_a_look_has_ranked_is_given_up_like_the_others(made):
     made.costs = [990, 985, 980, 995]
-    add(made.bench, fit(1000, 250.0), candidate(2000.0), looked=fit(991, 250.0), near=775.0)
+    add(made.bench, fit(1000, 250.0), option("drag", statistic=2000.0), looked=fit(991, 250.0), near=775.0)
     assert made.asked == [SHORT] * 4
 
 
 def test_the_first_candidate_is_followed_from_every_start(made):
     made.costs = [990, 985, 980, 995]
-    add(made.bench, fit(1000, 250.0), candidate(2000.0))
+    add(made.bench, fit(1000, 250.0), option("drag", statistic=2000.0))
     assert made.asked == [WHOLE] * 4
 
 

@@ -109,7 +109,7 @@ def test_make_paper_runs_a_part_from_the_command_line(workdir):
     options = ["parts=[transfer]", f"setting.transfer.train={tiny}", f"setting.transfer.evaluate={brief}", "jobs=1"]
     options += ["setting.transfer.models=[bb1]", "setting.transfer.systems=[sdob]", "setting.transfer.seeds=[1]"]
     options += ["results=found", "pages=pages", "document=paper.md"]
-    done = call("reproduce.py", *options, cwd=workdir, PYTHONPATH=str(ROOT))
+    done = call("reproduce.py", *options, cwd=workdir, timeout=300.0, PYTHONPATH=str(ROOT))
     assert done.returncode == 0, done.stderr
     cell = json.loads((workdir / "found" / "transfer.json").read_text())["matrix"]["bb1"]["sdob"]["sdob"]
     assert f"| BB1 | sdob | sdob | {number(cell['online']['value'])} |" in (workdir / "paper.md").read_text()
