@@ -19,6 +19,7 @@ from .refits import contenders, refitted
 from .rivals import RIVAL, Contender
 from .scan import Tested
 from .tries import penalised
+from .windows import over_windows
 
 DECISIVE = 2.0  # log-likelihood of the held-out trials by which one of several rivals wins
 TIED = 1.0  # log-likelihood: of fits that differ by less, on either trials, the more usual effect stands first
@@ -72,6 +73,7 @@ def contest(
     beside: Callable[[], Sequence[Tested]],
     others: Sequence[Tested],
     settings: Settings,
+    options: Sequence[Candidate] = (),
 ) -> tuple[Accepted, Fit, list[Refused]] | tuple[None, Fit, list[Refused]]:
     """Refit the contenders and take the best that the held-out trials confirm.
 
@@ -82,11 +84,14 @@ def contest(
         others: all candidates, the most significant first: tried where none of the above explains the residual, since a
             fit in a wrong minimum hides even what it lacks.
         settings: thresholds.
+        options: candidates to test over short windows, where the fit leaves more than noise.
 
     Returns:
         What was accepted or None, the fit with it, and the candidates that were refused on the way.
     """
     classes = contenders(significant)
+    if options and bench.mechanism.memory and not before.explains:
+        classes, others = over_windows(bench, before, classes, options, others)
     fits = refitted(bench, before, classes, others, beside)
     refused: list[Refused] = []
     for k, (tested, fit, held, why) in enumerate(_proofs(bench, before, fits, settings)):

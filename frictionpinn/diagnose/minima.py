@@ -27,7 +27,12 @@ def explained(fits: Sequence[Contender]) -> bool:
 
 def astray(classes: Sequence[Sequence[Tested]]) -> bool:
     """Whether the score tests that chose these classes were made in a wrong minimum."""
-    return max((group[0].statistic for group in classes), default=0.0) > ASTRAY
+    return max((group[0].statistic for group in classes if group[0].short is None), default=0.0) > ASTRAY
+
+
+def promises(tested: Tested) -> bool:
+    """Whether its score test was made where it is refitted."""
+    return tested.beside is None and tested.short is None
 
 
 def gained(before: Fit, fit: Fit) -> float:
@@ -185,7 +190,7 @@ def _most(before: Fit, fits: Sequence[Contender]) -> float:
 
 def _hoped(before: Fit, pair: Contender) -> float:
     tested, fit = pair
-    told = tested.beside is None and (tested.statistic < ASTRAY or _as_promised(before, pair))
+    told = promises(tested) and (tested.statistic < ASTRAY or _as_promised(before, pair))
     promised = before.state.cost - tested.statistic / 2 if told else fit.state.cost
     return penalised(fit) - max(fit.state.cost - promised, 0.0)
 
@@ -194,13 +199,13 @@ def _as_promised(before: Fit, pair: Contender) -> bool:
     """Whether it gained about what its score test promised; one in a wrong minimum may promise anything."""
     tested, fit = pair
     promised = tested.statistic / 2
-    return tested.beside is None and abs(gained(before, fit) - promised) < AS_PROMISED * promised
+    return promises(tested) and abs(gained(before, fit) - promised) < AS_PROMISED * promised
 
 
 def _far_short(before: Fit, pair: Contender) -> bool:
     """Whether it gained little of what its score test promised, if that was made where it can be trusted."""
     tested, fit = pair
-    trusted = tested.beside is None and tested.statistic < ASTRAY
+    trusted = promises(tested) and tested.statistic < ASTRAY
     return trusted and gained(before, fit) < SHORT_OF * tested.statistic / 2
 
 

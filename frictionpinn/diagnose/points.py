@@ -34,6 +34,7 @@ class Tested:
         shape: hidden parameter -> value, of those tried the one that explains most.
         trace: the part of its derivatives that nothing else explains, shape (rows of all trials,), at unit length.
         beside: values of all parameters beside which it was tested, where these are not the fit's.
+        short: values of all parameters of its fit over short windows, where it was tested over these.
     """
 
     candidate: Candidate
@@ -44,6 +45,7 @@ class Tested:
     shape: dict[str, float]
     trace: np.ndarray
     beside: Mapping[str, float] | None = None
+    short: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -139,7 +139,8 @@ def _beside_solved(
     left = SHORT if looked is None else SHORT - ROUGH
     found = add(bench, before, tested, thorough=False, looked=looked, iterations=left)
     if not explained(fits):
-        found = better(found, add(bench, _as(before, best), tested, thorough=False, iterations=SHORT))
+        there = _as(before, best)
+        found = better(found, add(bench, there, replace(tested, short=None), thorough=False, iterations=SHORT))
     near = found is not None and gained(before, found) >= CLOSE * gained(before, best[1])
     if found is None or not near or (best[1].explains and mates(tested, best[0])):
         return found
@@ -152,7 +153,7 @@ def _promising_first(bench: Bench, before: Fit, classes: list[list[Tested]]) -> 
     The sooner one explains the residual, the less is spent on the others.
     """
     heads = [group[0] for group in classes]
-    if len(heads) < 2 or not astray(classes):
+    if len(heads) < 2 or heads[0].short is not None or not astray(classes):
         return [(tested, None) for tested in heads]
     looks = zip(heads, looks_at(bench, before, heads), strict=True)
     return sorted(looks, key=lambda pair: np.inf if pair[1] is None else penalised(pair[1]))

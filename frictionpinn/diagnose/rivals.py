@@ -50,12 +50,17 @@ def _all_moved(bench: Bench, fits: Sequence[Contender], best: Contender) -> list
 
 def mates(one: Tested, other: Tested) -> bool:
     """Whether the data show about the same of both."""
-    return abs(float(one.trace @ other.trace)) > MATE
+    return _cosine(one, other) > MATE
 
 
 def twins(one: Tested, other: Tested) -> bool:
     """Whether the score tests cannot tell them apart."""
-    return abs(float(one.trace @ other.trace)) > ALIKE
+    return _cosine(one, other) > ALIKE
+
+
+def _cosine(one: Tested, other: Tested) -> float:
+    """Of their traces: none where they were tested over other stretches of time."""
+    return abs(float(one.trace @ other.trace)) if len(one.trace) == len(other.trace) else 0.0
 
 
 def moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:

@@ -82,7 +82,9 @@ def select(
             for t in selection.last.tested
             if not selection.accepted and t.candidate.name not in banned and len(t.candidate.grid) < MANY
         ]
-        accepted, selection.fit, refused = contest(bench, selection.fit, significant, hidden, others, settings)
+        left = [t.candidate for t in selection.last.tested
+                if not taken & set(t.candidate.strengths) and t.candidate.name not in banned]  # fmt: skip
+        accepted, selection.fit, refused = contest(bench, selection.fit, significant, hidden, others, settings, left)
         selection.refused += refused
         if accepted is None:
             break

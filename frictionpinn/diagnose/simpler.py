@@ -20,14 +20,15 @@ def simpler(
 ) -> list[Contender]:
     """Candidates of fewer parameters than a best that explains the residual, which do as much in its place.
 
-    Score tests made in a wrong minimum may hide them. They are tested again where the best leads with its strengths
-    taken out, all else where the quadratic model then has its minimum: what is missing there is what the best adds.
+    Score tests made in a wrong minimum may hide them; those over short windows do not. They are tested again where the
+    best leads with its strengths taken out, all else where the quadratic model then has its minimum: what is missing
+    there is what the best adds.
     """
     tested, fit = best_of(fits)
     there, size = tested.candidate, len({*fit.names} - {*before.names})
     seen = {t.candidate.name for group in (*classes, [t for t, _ in fits]) for t in group}
     fewer = [t.candidate for t in others if t.candidate.name not in seen and _size(t.candidate) < size]
-    if not (bench.mechanism.memory and fit.explains and fewer):
+    if not (bench.mechanism.memory and fit.explains and fewer) or tested.short is not None:
         return []
     out = bench.without(fit, there.strengths, there.hidden)
     base = bench.refit(out, before.names, out.values, iterations=0)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from ..identify.likelihood import with_bristle
+from ..numerics.simulate import ContactLost, SimulationFailed
 from .bench import Bench, tried
 from .fit import Fit
 from .restarts import lifted
@@ -51,7 +54,8 @@ def add(
     near: float | None = None,
     **options: Any,
 ) -> Fit | None:
-    """Refit with a candidate's strengths and hidden parameters, from the fit and, where that is astray, from others.
+    """Refit with a candidate's strengths and hidden parameters, from the fit and, where that is astray, from others:
+    first from a fit over windows, if there was one.
 
     The first refit goes on from where a first look ended, if there was one; the others, and that if there was, are
     given up after a short try that does not bring the cost below ``near``. ``options`` as of :meth:`Bench.refit`.
@@ -62,6 +66,11 @@ def add(
     if tested.beside is not None:
         worth = fit.state.cost  # its statistic is that beside a fit held elsewhere
     tries: list[Fit] = []
+    if tested.short is not None:
+        found = from_windows(bench, fit, tested, near, **options)
+        if found is not None and leaves_little(fit, found):
+            return found
+        tries += [] if found is None else [found]
     for base in _bases(bench, fit, tested, thorough):
         # From neutral, since Gauss-Newton moves all parameters together; from its step where that fails.
         for share in (0.0, 1.0):
@@ -90,7 +99,7 @@ def _bases(bench: Bench, fit: Fit, tested: Tested, thorough: bool) -> Iterator[M
     back = lifted(bench.problem, bench.sizes, fit.values)
     if back:
         yield back
-    if thorough and tested.statistic > ASTRAY:
+    if thorough and tested.statistic > ASTRAY and tested.short is None:
         yield from ({**fit.values, **start} for start in bench.starts)
 
 
@@ -103,3 +112,30 @@ def reach(tested: Tested) -> dict[str, tuple[float, float]]:
         wide = 0.1 * (high - low)
         result[name] = (low / 1.5, high * 1.5) if low > 0 else (low - wide, high + wide)
     return result
+
+
+def from_windows(bench: Bench, fit: Fit, tested: Tested, near: float | None = None, **options: Any) -> Fit | None:
+    """The whole trials fitted from what a fit over windows found, their own unknowns from what was measured.
+
+    Given up after a short try that does not bring the cost below ``near``.
+    """
+    names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
+    there = _begun(bench, fit, names, dict(tested.short or {}))
+    if there is None:
+        return None
+    if near is not None:
+        return tried(bench, there, names, there.values, near, reach(tested))
+    return bench.refit(there, names, there.values, limits=reach(tested), **options)
+
+
+def _begun(bench: Bench, fit: Fit, names: Sequence[str], values: Mapping[str, float]) -> Fit | None:
+    """A fit's place in the whole trials as they were measured."""
+    simulator = bench.parts.of(names, values)
+    problem = bench.problem_of(bench.problem, names, values, simulator)
+    problem.trials = bench.equipped(problem.trials, simulator)
+    try:
+        models = with_bristle(problem, problem.space.to_search(np.array([values[name] for name in problem.names])))
+    except (ContactLost, SimulationFailed):
+        return None
+    state = replace(fit.state, locals=tuple(model.local for model in models))
+    return replace(fit, values=dict(values), models=models, state=state)

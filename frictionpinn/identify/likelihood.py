@@ -33,7 +33,8 @@ NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative 
 Found = tuple[Solution, tuple[TrialModel, ...]]  # where a search ended, and the models of the trials there
 
 
-def _windows(problem: Problem) -> tuple[TrialModel, ...]:
+def windows_of(problem: Problem) -> tuple[TrialModel, ...]:
+    """The trials in windows that each hold one stretch of low speed."""
     mu_c = (problem.fixed | problem.start).get("mu_c")
     windows = [window for motion in problem.motions for window in motion.windows(mu_c)]
     if len(windows) > MOST_WINDOWS:  # enough for a start, however long the recording
@@ -52,7 +53,7 @@ def _evaluator(problem: Problem, models: Sequence[TrialModel], joint: bool, sigm
 def find_start(problem: Problem, given: Mapping[str, float] | None = None, asis: bool = True) -> list[Solution]:
     """Fits over short windows to start whole trials from, best first; ``given`` is tried beside the search's, refined
     and, with ``asis``, as it is."""
-    windows = _windows(problem)
+    windows = windows_of(problem)
     locals_ = [model.local for model in windows]
     space = problem.space
 

@@ -1,0 +1,142 @@
+"""Candidates tested and fitted over short windows, where what a model lacks does not add up.
+
+Over a whole trial a missing effect moves a stop or a start, and all that follows is another motion: the fit without it
+stands in a wrong minimum, with derivatives that hold over micrometres, and score tests made there rank candidates
+poorly. Windows that each hold one stretch of low speed begin anew from what was measured.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from ..identify.likelihood import windows_of
+from ..identify.parallel import in_parallel
+from .bench import Bench, tried
+from .candidates import Candidate
+from .fit import Fit
+from .minima import gained
+from .rivals import twins
+from .scan import Tested, scan
+from .tries import better, penalised, reach
+
+WILD = 10.0  # times what nine windows in ten say at most: more is no information
+MOST, FIRST = 9, 2  # candidates that are fitted over windows; the first are fitted to the end
+WORTH = 0.5, 0.25  # of the best there: candidates that gain less are not fitted to the whole trials; a score test's
+
+
+@dataclass(frozen=True)
+class Short:
+    """A fit to the windows of all trials, on a bench that takes the inputs as measured."""
+
+    bench: Bench
+    fit: Fit
+
+    @classmethod
+    def of(cls, bench: Bench, fit: Fit) -> Short | None:
+        """The model of ``fit`` over windows, at the noise that it leaves there; None where it cannot be simulated."""
+        own = copy.copy(bench)
+        own.problem = copy.copy(bench.problem)
+        own.problem.joint = False
+        models = bench.equipped(windows_of(bench.problem), bench.parts.of(fit.names, fit.values))
+        state = replace(fit.state, locals=tuple(model.local for model in models))
+        there = replace(fit, models=models, state=state, sigmas=dict(bench.problem.sigmas))
+        starts = [fit.values, *(fit.values | start for start in bench.starts)]
+        made = in_parallel(lambda k: own.refit(there, fit.names, starts[k]), [1.0] * len(starts))
+        best = better(*made)
+        if best is None:
+            return None
+        best = own.refit(best, best.names, best.values, best.levels(bench.problem.loss))
+        if best is not None and len(kept := regular(best)) < len(models):
+            best = own.refit(_only(best, kept), best.names, best.values)
+        return None if best is None else cls(own, best)
+
+    def with_(self, tested: Tested, best: Fit | None) -> Fit | None:
+        """The fit with a candidate, given up after a short try that falls far behind the best."""
+        names = (*self.fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
+        values = self.bench.clip({**self.fit.values, **tested.shape})
+        if best is None:
+            return self.bench.refit(self.fit, names, values, limits=reach(tested))
+        near = self.fit.state.cost - WORTH[0] * gained(self.fit, best)
+        return tried(self.bench, self.fit, names, values, near, reach(tested))
+
+
+def regular(fit: Fit) -> list[int]:
+    """Windows but those in which a motion hardly stops, or hardly begins: derivatives there are a thousand times those
+    elsewhere, hold nowhere, and drown all others.
+
+    Told by the parameter of which most windows say about as much.
+    """
+    each = np.stack(
+        [piece.gg.diagonal() / len(model.t) for piece, model in zip(fit.state.pieces, fit.models, strict=True)]
+    )
+    usual = np.quantile(each, (0.5, 0.9), axis=0)
+    k = int(np.argmax(usual[0] / np.maximum(usual[1], 1e-300)))
+    return np.flatnonzero(each[:, k] <= WILD * usual[1, k]).tolist()
+
+
+def _only(fit: Fit, kept: Sequence[int]) -> Fit:
+    state = replace(
+        fit.state, locals=tuple(fit.locals[k] for k in kept), pieces=tuple(fit.state.pieces[k] for k in kept)
+    )
+    return replace(fit, models=tuple(fit.models[k] for k in kept), state=state)
+
+
+def over_windows(
+    bench: Bench,
+    before: Fit,
+    classes: list[list[Tested]],
+    options: Sequence[Candidate],
+    others: Sequence[Tested],
+) -> tuple[list[list[Tested]], list[Tested]]:
+    """Classes of candidates whose first explain most over windows, the best first, and others by their score tests
+    there; as given where the windows cannot be simulated.
+
+    Args:
+        bench, before: the last accepted fit.
+        classes: by score tests on the whole trials, the most significant first.
+        options: all candidates.
+        others: those to try where none of the classes explains the residual.
+    """
+    short = Short.of(bench, before)
+    if short is None:
+        return classes, list(others)
+    tested = sorted(scan(short.bench, short.fit, options, (), {}).tested, key=lambda t: -t.statistic)
+    there = {t.candidate.name: t for t in tested}
+    groups = _classes(tested, [there[group[0].candidate.name] for group in classes])
+    made: list[Fit | None] = []
+    for first, last in ((0, FIRST), (FIRST, len(groups))):
+        best = better(*made)
+        made += in_parallel(partial(_fitted, short, groups[first:last], best), [1.0] * len(groups[first:last]))
+    most = max((gained(short.fit, fit) for fit in made if fit is not None), default=0.0)
+    near = [
+        (group, fit) for group, fit in zip(groups, made, strict=True)
+        if fit is not None and gained(short.fit, fit) > WORTH[0] * most
+    ]  # fmt: skip
+    near.sort(key=lambda pair: penalised(pair[1]))
+    result = [[replace(group[0], short=fit.values), *group[1:]] for group, fit in near]
+    names = {t.candidate.name for t in others}
+    return result, [t for t in tested if t.candidate.name in names]
+
+
+def _fitted(short: Short, groups: Sequence[Sequence[Tested]], best: Fit | None, k: int) -> Fit | None:
+    return short.with_(groups[k][0], best)
+
+
+def _classes(tested: Sequence[Tested], also: Sequence[Tested]) -> list[list[Tested]]:
+    """Candidates to fit over windows, each followed by those that the score tests do not tell from it."""
+    groups: list[list[Tested]] = []
+    worth = WORTH[1] * max((t.statistic for t in tested), default=0.0)
+    first = [t for t in tested if t.statistic > worth][: MOST - min(len(also), MOST // 2)]
+    named = {t.candidate.name for t in (*first, *also)}
+    for t in tested:
+        group = next((g for g in groups if twins(g[0], t)), None)
+        if group is not None:
+            group.append(t)
+        elif t.candidate.name in named and len(groups) < MOST:
+            groups.append([t])
+    return [sorted(group, key=lambda t: (t.candidate.usual, min(t.step.values()) < 0)) for group in groups]
