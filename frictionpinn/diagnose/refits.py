@@ -122,7 +122,9 @@ def _beside_next(
         return found, fits, left
     beside = [*fits, *found]
     tries = in_parallel(lambda k: _added(bench, before, *left[k], beside), [1.0] * len(left[:NEXT]))
-    best = best_of([*found, *(pair for made in tries for pair in made)])
+    made = {tested.candidate.name: fit for pairs in tries for tested, fit in pairs}
+    left = [(tested, made.get(tested.candidate.name, looked)) for tested, looked in left]
+    best = best_of([*found, *(pair for pairs in tries for pair in pairs)])
     if best is found[0]:
         return found, fits, left
     return [best], beside, [item for item in left if item[0] is not best[0]]

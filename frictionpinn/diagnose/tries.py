@@ -66,7 +66,7 @@ def add(
     if tested.beside is not None:
         worth = fit.state.cost  # its statistic is that beside a fit held elsewhere
     tries: list[Fit] = []
-    if tested.short is not None:
+    if tested.short is not None and looked is None:
         found = from_windows(bench, fit, tested, near, **options)
         if found is not None and leaves_little(fit, found):
             return found

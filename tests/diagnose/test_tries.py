@@ -64,3 +64,38 @@ def test_a_candidate_is_far_behind_where_it_gains_less_than_a_quarter_of_the_bes
     monkeypatch.setattr(refits, "add", noted)
     refitted(contest.bench, fit(1000, 250.0), [[option("drag", 0)], [option("ripple", 1)]], ())
     assert told == {"drag": None, "ripple": pytest.approx(1000 - 0.25 * 900)}
+
+
+@pytest.fixture
+def over_windows(monkeypatch):
+    """Fits of whole trials from windows end where this says."""
+    seen = SimpleNamespace(ends=None, asked=0)
+
+    def from_windows(bench, start, tested, near=None, **options):
+        seen.asked += 1
+        return seen.ends
+
+    monkeypatch.setattr(tries, "from_windows", from_windows)
+    return seen
+
+
+def windowed(effect: str):
+    return SimpleNamespace(**(vars(option(effect, statistic=2000.0)) | {"short": {"mu_c": 0.3}}))
+
+
+def test_a_fit_from_windows_that_leaves_little_is_the_only_start(made, over_windows):
+    over_windows.ends = fit(600, 20.0)
+    assert add(made.bench, fit(1000, 250.0), windowed("drag")) is over_windows.ends
+    assert not made.asked
+
+
+def test_other_starts_are_tried_beside_one_from_windows_that_leaves_much(made, over_windows):
+    over_windows.ends, made.costs = fit(900, 240.0), [850, 880]
+    assert add(made.bench, fit(1000, 250.0), windowed("drag")).state.cost == 850
+    assert len(made.asked) == 2  # not those that the declared model has from its own windows
+
+
+def test_a_candidate_that_was_tried_before_goes_on_from_where_that_ended(made, over_windows):
+    made.costs = [500]
+    add(made.bench, fit(1000, 250.0), windowed("drag"), looked=fit(600, 200.0))
+    assert not over_windows.asked
