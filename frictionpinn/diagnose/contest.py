@@ -178,7 +178,7 @@ def _decide(
     """Among fits that are about as good, the one that trials which no fit saw prefer; those that they reject."""
     if held is None:
         level = [first, *(pair for pair in near if _behind(pair, first) < TIED)]
-        usual = min(level, key=lambda pair: pair[0].candidate.usual)
+        usual = min(level, key=_unusual)
         return usual, None, [pair for pair in (first, *near) if pair is not usual], []
     if not near:
         return first, held, [], []
@@ -188,7 +188,7 @@ def _decide(
     winner, best = max(judged[1:], key=lambda item: item[1])
     if best <= held + DECISIVE:
         tied = [(pair, gain) for pair, gain in judged if _behind(pair, first) < TIED and held - gain < TIED]
-        winner, best = min(tied, key=lambda item: item[0][0].candidate.usual)
+        winner, best = min(tied, key=lambda item: _unusual(item[0]))
     others = [(pair, gain) for pair, gain in judged if pair is not winner]
     name = winner[0].candidate.name
     worse = [
@@ -197,6 +197,12 @@ def _decide(
         if gain < best - DECISIVE
     ]
     return winner, best, [pair for pair, gain in others if gain >= best - DECISIVE], worse
+
+
+def _unusual(pair: Contender) -> tuple[int, bool]:
+    """What stands first among equals: the more usual effect, then one that adds: a delay, no reading of the future."""
+    tested, fit = pair
+    return tested.candidate.usual, min(fit.values[name] for name in tested.candidate.strengths) < 0
 
 
 def needed(tested: Tested, settings: Settings) -> float:
