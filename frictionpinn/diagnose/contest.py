@@ -18,10 +18,11 @@ from .minima import DEEP, gained
 from .refits import contenders, refitted
 from .rivals import RIVAL, Contender
 from .scan import Tested
-from .tries import penalised
+from .tries import from_windows, leaves_little, penalised
 from .windows import over_windows
 
 DECISIVE = 2.0  # log-likelihood of the held-out trials by which one of several rivals wins
+NAMELESS = "explains but a part, alone and with others, over short windows as over whole trials"
 TIED = 1.0  # log-likelihood: of fits that differ by less, on either trials, the more usual effect stands first
 
 
@@ -74,6 +75,7 @@ def contest(
     others: Sequence[Tested],
     settings: Settings,
     options: Sequence[Candidate] = (),
+    remains: bool = False,
 ) -> tuple[Accepted, Fit, list[Refused]] | tuple[None, Fit, list[Refused]]:
     """Refit the contenders and take the best that the held-out trials confirm.
 
@@ -85,13 +87,17 @@ def contest(
             fit in a wrong minimum hides even what it lacks.
         settings: thresholds.
         options: candidates to test over short windows, where the fit leaves more than noise.
+        remains: whether there is a remainder to describe, should windows tell that no candidates together explain it.
 
     Returns:
         What was accepted or None, the fit with it, and the candidates that were refused on the way.
     """
     classes = contenders(significant)
     if options and bench.mechanism.memory and not before.explains:
-        classes, others = over_windows(bench, before, classes, options, others)
+        ranked = over_windows(bench, before, classes, options, others, settings.most)
+        if remains and ranked.nameless() and not _leaves_little(bench, before, ranked.classes):
+            return None, before, [Refused(group[0].candidate, NAMELESS) for group in ranked.classes]
+        classes, others = ranked.classes, ranked.others
     fits = refitted(bench, before, classes, others, beside)
     refused: list[Refused] = []
     for k, (tested, fit, held, why) in enumerate(_proofs(bench, before, fits, settings)):
@@ -116,6 +122,12 @@ def contest(
         close = [p for p in fits if p[0] is not tested and penalised(p[1]) - penalised(fit) < max(NEAR, 0.1 * gain)]
         return Accepted(tested.candidate, tested, evidence, tuple(alike), tuple(close[:DEEP])), fit, [*refused, *worse]
     return None, before, refused
+
+
+def _leaves_little(bench: Bench, before: Fit, classes: Sequence[Sequence[Tested]]) -> bool:
+    """Whether one of the candidates, fitted to whole trials from windows, leaves little of what the model leaves."""
+    made = in_parallel(lambda k: from_windows(bench, before, classes[k][0]), [1.0] * len(classes))
+    return any(leaves_little(before, fit) for fit in made if fit is not None)
 
 
 def _proofs(

@@ -84,7 +84,10 @@ def select(
         ]
         left = [t.candidate for t in selection.last.tested
                 if not taken & set(t.candidate.strengths) and t.candidate.name not in banned]  # fmt: skip
-        accepted, selection.fit, refused = contest(bench, selection.fit, significant, hidden, others, settings, left)
+        remains = not selection.accepted and _remains(selection, settings)
+        accepted, selection.fit, refused = contest(
+            bench, selection.fit, significant, hidden, others, settings, left, remains
+        )
         selection.refused += refused
         if accepted is None:
             break

@@ -8,15 +8,16 @@ poorly. Windows that each hold one stretch of low speed begin anew from what was
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from ..identify.likelihood import windows_of
 from ..identify.parallel import in_parallel
-from .bench import Bench, tried
+from .bench import SHORT, Bench, tried
 from .candidates import Candidate
 from .fit import Fit
 from .minima import gained
@@ -25,6 +26,8 @@ from .scan import Tested, scan
 from .tries import better, penalised, reach
 
 WILD = 10.0  # times what nine windows in ten say at most: more is no information
+SLOW = 2.0  # times that, if two together leave more, others are not asked
+LEFT, NEXT = 0.3, 2  # of the correlation: what several candidates together may leave; of them tried in turn
 MOST, FIRST = 9, 2  # candidates that are fitted over windows; the first are fitted to the end
 WORTH = 0.5, 0.25  # of the best there: candidates that gain less are not fitted to the whole trials; a score test's
 
@@ -55,12 +58,28 @@ class Short:
             best = own.refit(_only(best, kept), best.names, best.values)
         return None if best is None else cls(own, best)
 
-    def with_(self, tested: Tested, best: Fit | None) -> Fit | None:
+    def tested(self, options: Sequence[Candidate]) -> list[Tested]:
+        """Candidates by their score tests, the most significant first."""
+        return sorted(scan(self.bench, self.fit, options, (), {}).tested, key=lambda t: -t.statistic)
+
+    def fitted(self, groups: Sequence[list[Tested]], **options: Any) -> list[tuple[list[Tested], Fit]]:
+        """The fits with the first of every group, the best first; ``options`` of those followed to the end."""
+        made: list[Fit | None] = []
+        for first, last in ((0, FIRST), (FIRST, len(groups))):
+            best, own = better(*made), groups[first:last]
+            made += in_parallel(partial(self._kth, own, best, options), [1.0] * len(own))
+        fits = [(group, fit) for group, fit in zip(groups, made, strict=True) if fit is not None]
+        return sorted(fits, key=lambda pair: penalised(pair[1]))
+
+    def _kth(self, groups: Sequence[list[Tested]], best: Fit | None, options: Mapping[str, Any], k: int) -> Fit | None:
+        return self.with_(groups[k][0], best, **options)
+
+    def with_(self, tested: Tested, best: Fit | None, **options: Any) -> Fit | None:
         """The fit with a candidate, given up after a short try that falls far behind the best."""
         names = (*self.fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
         values = self.bench.clip({**self.fit.values, **tested.shape})
         if best is None:
-            return self.bench.refit(self.fit, names, values, limits=reach(tested))
+            return self.bench.refit(self.fit, names, values, limits=reach(tested), **options)
         near = self.fit.state.cost - WORTH[0] * gained(self.fit, best)
         return tried(self.bench, self.fit, names, values, near, reach(tested))
 
@@ -86,45 +105,67 @@ def _only(fit: Fit, kept: Sequence[int]) -> Fit:
     return replace(fit, models=tuple(fit.models[k] for k in kept), state=state)
 
 
+@dataclass(frozen=True)
+class Ranked:
+    """What windows say of the candidates.
+
+    Attributes:
+        classes: those whose first explain most there, the best first.
+        others: by their score tests there, the most significant first.
+        nameless: tells whether even several candidates together leave much of what the model leaves over windows.
+    """
+
+    classes: list[list[Tested]]
+    others: list[Tested]
+    nameless: Callable[[], bool] = lambda: False
+
+
 def over_windows(
     bench: Bench,
     before: Fit,
     classes: list[list[Tested]],
     options: Sequence[Candidate],
     others: Sequence[Tested],
-) -> tuple[list[list[Tested]], list[Tested]]:
-    """Classes of candidates whose first explain most over windows, the best first, and others by their score tests
-    there; as given where the windows cannot be simulated.
+    most: int = 1,
+) -> Ranked:
+    """Candidates by what they explain over windows; as given where these cannot be simulated.
 
     Args:
         bench, before: the last accepted fit.
         classes: by score tests on the whole trials, the most significant first.
         options: all candidates.
         others: those to try where none of the classes explains the residual.
+        most: candidates together that may explain it.
     """
     short = Short.of(bench, before)
     if short is None:
-        return classes, list(others)
-    tested = sorted(scan(short.bench, short.fit, options, (), {}).tested, key=lambda t: -t.statistic)
+        return Ranked(classes, list(others))
+    tested = short.tested(options)
     there = {t.candidate.name: t for t in tested}
-    groups = _classes(tested, [there[group[0].candidate.name] for group in classes])
-    made: list[Fit | None] = []
-    for first, last in ((0, FIRST), (FIRST, len(groups))):
-        best = better(*made)
-        made += in_parallel(partial(_fitted, short, groups[first:last], best), [1.0] * len(groups[first:last]))
-    most = max((gained(short.fit, fit) for fit in made if fit is not None), default=0.0)
-    near = [
-        (group, fit) for group, fit in zip(groups, made, strict=True)
-        if fit is not None and gained(short.fit, fit) > WORTH[0] * most
+    fits = short.fitted(_classes(tested, [there[group[0].candidate.name] for group in classes]))
+    best = max((gained(short.fit, fit) for _, fit in fits), default=0.0)
+    result = [
+        [replace(group[0], short=fit.values), *group[1:]] for group, fit in fits
+        if gained(short.fit, fit) > WORTH[0] * best
     ]  # fmt: skip
-    near.sort(key=lambda pair: penalised(pair[1]))
-    result = [[replace(group[0], short=fit.values), *group[1:]] for group, fit in near]
     names = {t.candidate.name for t in others}
-    return result, [t for t in tested if t.candidate.name in names]
+    left = [t for t in tested if t.candidate.name in names]
+    return Ranked(result, left, partial(_nameless, short, fits[0][1] if fits else short.fit, options, most))
 
 
-def _fitted(short: Short, groups: Sequence[Sequence[Tested]], best: Fit | None, k: int) -> Fit | None:
-    return short.with_(groups[k][0], best)
+def _nameless(short: Short, fit: Fit, options: Sequence[Candidate], most: int) -> bool:
+    """Whether a fit with a candidate leaves much, however many are added, each time the best: no more than ``most``, and
+    no third where two leave most."""
+    limit = LEFT * short.fit.correlation
+    for count in range(1, most):
+        if fit.correlation < limit or (count > 1 and fit.correlation > SLOW * limit):
+            break
+        there = Short(short.bench, fit)
+        left = [c for c in options if not {*c.strengths, *c.hidden} & set(fit.names)]
+        if not (fits := there.fitted(_classes(there.tested(left), ())[:NEXT], iterations=SHORT)):
+            break
+        fit = fits[0][1]
+    return fit.correlation >= limit
 
 
 def _classes(tested: Sequence[Tested], also: Sequence[Tested]) -> list[list[Tested]]:

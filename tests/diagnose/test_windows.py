@@ -42,20 +42,21 @@ def test_a_missing_spring_leads_over_windows_and_whole_trials_fitted_from_there_
     bench, options = made
     before = bench.base()
     assert not before.explains
-    classes, others = over_windows(bench, before, [], options, ())
-    (first, *_), *_ = classes
+    ranked = over_windows(bench, before, [], options, ())
+    (first, *_), *_ = ranked.classes
     assert first.candidate.name == "spring_force"
     assert first.short["spring_stiffness"] == pytest.approx(STIFFNESS, rel=0.1)
     found = from_windows(bench, before, first)
     assert found.explains
     assert found.values["spring_stiffness"] == pytest.approx(STIFFNESS, rel=0.1)
-    assert others == []
+    assert ranked.others == []
+    assert not ranked.nameless()
 
 
 def test_the_others_are_those_that_were_given_in_the_order_of_their_tests_over_windows(made):
     bench, options = made
     given = [SimpleNamespace(candidate=o) for o in options if o.effect in ("drag", "constant_force")]
-    _, others = over_windows(bench, bench.base(), [], options, given)
+    others = over_windows(bench, bench.base(), [], options, given).others
     assert {t.candidate.effect for t in others} == {"drag", "constant_force"}
     assert [t.statistic for t in others] == sorted((t.statistic for t in others), reverse=True)
 
@@ -64,7 +65,7 @@ def test_a_contender_of_the_whole_trials_is_fitted_over_windows_as_well(made, mo
     bench, options = made
     seen = []
     inner = Short.with_
-    monkeypatch.setattr(Short, "with_", lambda self, t, best: seen.append(t.candidate.effect) or inner(self, t, best))
+    monkeypatch.setattr(Short, "with_", lambda self, t, *rest: seen.append(t.candidate.effect) or inner(self, t, *rest))
     weak = next(o for o in options if o.effect == "drag")
     over_windows(bench, bench.base(), [[SimpleNamespace(candidate=weak)]], options, ())
     assert {"drag", "spring_force"} <= set(seen)
@@ -73,7 +74,9 @@ def test_a_contender_of_the_whole_trials_is_fitted_over_windows_as_well(made, mo
 def test_classes_stay_as_they_are_where_the_windows_cannot_be_simulated(monkeypatch):
     monkeypatch.setattr(windows.Short, "of", lambda bench, fit: None)
     classes, others = [[option("drag")]], [option("payload")]
-    assert over_windows(None, None, classes, (), others) == (classes, others)
+    ranked = over_windows(None, None, classes, (), others)
+    assert (ranked.classes, ranked.others) == (classes, others)
+    assert not ranked.nameless()
 
 
 def told(*each: float, wild: int | None = None):
