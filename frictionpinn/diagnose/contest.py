@@ -19,7 +19,7 @@ from .refits import contenders, refitted
 from .rivals import RIVAL, Contender
 from .scan import Tested
 from .tries import from_windows, leaves_little, penalised
-from .windows import over_windows
+from .windows import Asked, over_windows
 
 DECISIVE = 2.0  # log-likelihood of the held-out trials by which one of several rivals wins
 NAMELESS = "explains but a part, alone and with others, over short windows as over whole trials"
@@ -74,8 +74,7 @@ def contest(
     beside: Callable[[], Sequence[Tested]],
     others: Sequence[Tested],
     settings: Settings,
-    options: Sequence[Candidate] = (),
-    remains: bool = False,
+    asked: Asked | None = None,
 ) -> tuple[Accepted, Fit, list[Refused]] | tuple[None, Fit, list[Refused]]:
     """Refit the contenders and take the best that the held-out trials confirm.
 
@@ -86,16 +85,15 @@ def contest(
         others: all candidates, the most significant first: tried where none of the above explains the residual, since a
             fit in a wrong minimum hides even what it lacks.
         settings: thresholds.
-        options: candidates to test over short windows, where the fit leaves more than noise.
-        remains: whether there is a remainder to describe, should windows tell that no candidates together explain it.
+        asked: what is tested over short windows, where the fit leaves more than noise.
 
     Returns:
         What was accepted or None, the fit with it, and the candidates that were refused on the way.
     """
     classes = contenders(significant)
-    if options and bench.mechanism.memory and not before.explains:
-        ranked = over_windows(bench, before, classes, options, others, settings.most)
-        if remains and ranked.nameless() and not _leaves_little(bench, before, ranked.classes):
+    if asked is not None and bench.mechanism.memory and not before.explains:
+        ranked = over_windows(bench, before, classes, others, asked)
+        if asked.variables and ranked.nameless() and not _leaves_little(bench, before, ranked.classes):
             return None, before, [Refused(group[0].candidate, NAMELESS) for group in ranked.classes]
         classes, others = ranked.classes, ranked.others
     fits = refitted(bench, before, classes, others, beside)

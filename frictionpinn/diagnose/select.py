@@ -20,6 +20,7 @@ from .remainder import Remainder
 from .restarts import blunted, lifted, peaked, widened
 from .scan import Scanned, Tested, scan
 from .tries import better, penalised
+from .windows import Asked
 
 __all__ = ["Accepted", "Refused", "Selection", "Settings", "select"]
 
@@ -84,9 +85,9 @@ def select(
         ]
         left = [t.candidate for t in selection.last.tested
                 if not taken & set(t.candidate.strengths) and t.candidate.name not in banned]  # fmt: skip
-        remains = not selection.accepted and _remains(selection, settings)
+        variables = () if selection.accepted or not _remains(selection, settings) else remainders
         accepted, selection.fit, refused = contest(
-            bench, selection.fit, significant, hidden, others, settings, left, remains
+            bench, selection.fit, significant, hidden, others, settings, Asked(left, variables, places, settings.most)
         )
         selection.refused += refused
         if accepted is None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -21,6 +21,7 @@ from .bench import SHORT, Bench, tried
 from .candidates import Candidate
 from .fit import Fit
 from .minima import gained
+from .remainder import BUMPS, Remainder
 from .rivals import twins
 from .scan import Tested, scan
 from .tries import better, penalised, reach
@@ -30,6 +31,23 @@ SLOW = 2.0  # times that, if two together leave more, others are not asked
 LEFT, NEXT = 0.3, 2  # of the correlation: what several candidates together may leave; of them tried in turn
 MOST, FIRST = 9, 2  # candidates that are fitted over windows; the first are fitted to the end
 WORTH = 0.5, 0.25  # of the best there: candidates that gain less are not fitted to the whole trials; a score test's
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is tested over windows.
+
+    Attributes:
+        options: all candidates.
+        variables, places: of forces that depend on a variable in any way, see :func:`frictionpinn.diagnose.scan.scan`;
+            none where effects were added already, whose remainder that is.
+        most: candidates together that may explain what is left.
+    """
+
+    options: Sequence[Candidate]
+    variables: Sequence[Remainder] = ()
+    places: Mapping[str, float] = field(default_factory=dict)
+    most: int = 1
 
 
 @dataclass(frozen=True)
@@ -112,7 +130,8 @@ class Ranked:
     Attributes:
         classes: those whose first explain most there, the best first.
         others: by their score tests there, the most significant first.
-        nameless: tells whether even several candidates together leave much of what the model leaves over windows.
+        nameless: tells whether even several candidates together leave much of what the model leaves over windows, and
+            one variable little.
     """
 
     classes: list[list[Tested]]
@@ -124,23 +143,21 @@ def over_windows(
     bench: Bench,
     before: Fit,
     classes: list[list[Tested]],
-    options: Sequence[Candidate],
     others: Sequence[Tested],
-    most: int = 1,
+    asked: Asked,
 ) -> Ranked:
     """Candidates by what they explain over windows; as given where these cannot be simulated.
 
     Args:
         bench, before: the last accepted fit.
         classes: by score tests on the whole trials, the most significant first.
-        options: all candidates.
         others: those to try where none of the classes explains the residual.
-        most: candidates together that may explain it.
+        asked: what is tested there.
     """
     short = Short.of(bench, before)
     if short is None:
         return Ranked(classes, list(others))
-    tested = short.tested(options)
+    tested = short.tested(asked.options)
     there = {t.candidate.name: t for t in tested}
     fits = short.fitted(_classes(tested, [there[group[0].candidate.name] for group in classes]))
     best = max((gained(short.fit, fit) for _, fit in fits), default=0.0)
@@ -150,22 +167,39 @@ def over_windows(
     ]  # fmt: skip
     names = {t.candidate.name for t in others}
     left = [t for t in tested if t.candidate.name in names]
-    return Ranked(result, left, partial(_nameless, short, fits[0][1] if fits else short.fit, options, most))
+    first = fits[0][1] if fits else short.fit
+
+    def nameless() -> bool:
+        return _leave_much(short, first, asked) and _of_one_variable(short, asked)
+
+    return Ranked(result, left, nameless)
 
 
-def _nameless(short: Short, fit: Fit, options: Sequence[Candidate], most: int) -> bool:
-    """Whether a fit with a candidate leaves much, however many are added, each time the best: no more than ``most``, and
+def _leave_much(short: Short, fit: Fit, asked: Asked) -> bool:
+    """Whether a fit with a candidate leaves much however many are added, each time the best: ``most`` in all, and
     no third where two leave most."""
     limit = LEFT * short.fit.correlation
-    for count in range(1, most):
+    for count in range(1, asked.most):
         if fit.correlation < limit or (count > 1 and fit.correlation > SLOW * limit):
             break
         there = Short(short.bench, fit)
-        left = [c for c in options if not {*c.strengths, *c.hidden} & set(fit.names)]
+        left = [c for c in asked.options if not {*c.strengths, *c.hidden} & set(fit.names)]
         if not (fits := there.fitted(_classes(there.tested(left), ())[:NEXT], iterations=SHORT)):
             break
         fit = fits[0][1]
     return fit.correlation >= limit
+
+
+def _of_one_variable(short: Short, asked: Asked) -> bool:
+    """Whether a force, or a friction, that depends on one variable in any way leaves little over windows."""
+    if not (remaining := scan(short.bench, short.fit, (), asked.variables, asked.places).remaining):
+        return False
+    probe, fit = short.bench.probe, short.fit
+    idle = {par.name: float(par.value) for par in probe.mechanism.parameters if par.value is not None}
+    names = (*fit.names, *(f"{remaining[0].kind}_{remaining[0].variable}_{k}" for k in range(BUMPS)))
+    there = replace(fit, models=tuple(replace(model, simulator=probe) for model in fit.models))
+    found = short.bench.refit(there, names, idle | fit.values | dict(asked.places), iterations=SHORT)
+    return found is not None and found.correlation < LEFT * fit.correlation
 
 
 def _classes(tested: Sequence[Tested], also: Sequence[Tested]) -> list[list[Tested]]:

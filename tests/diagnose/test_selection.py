@@ -22,7 +22,7 @@ def rounds(monkeypatch):
     table = {"spring_force": spring, "ripple": ripple}
     scanned = SimpleNamespace(tested=[spring, ripple], remaining=[])
 
-    def contest(bench, before, significant, hidden, others, settings, options=(), remains=False):
+    def contest(bench, before, significant, hidden, others, settings, *over_windows):
         seen.asked.append([t.candidate.name for t in significant])
         if not seen.accepted:
             return None, before, []

@@ -17,7 +17,7 @@ from frictionpinn.diagnose.diagnosis import _bench
 from frictionpinn.diagnose.observe import scales, simulations
 from frictionpinn.diagnose.rivals import mates, twins
 from frictionpinn.diagnose.tries import from_windows
-from frictionpinn.diagnose.windows import Short, over_windows, regular
+from frictionpinn.diagnose.windows import Asked, Short, over_windows, regular
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
@@ -42,7 +42,7 @@ def test_a_missing_spring_leads_over_windows_and_whole_trials_fitted_from_there_
     bench, options = made
     before = bench.base()
     assert not before.explains
-    ranked = over_windows(bench, before, [], options, ())
+    ranked = over_windows(bench, before, [], (), Asked(options))
     (first, *_), *_ = ranked.classes
     assert first.candidate.name == "spring_force"
     assert first.short["spring_stiffness"] == pytest.approx(STIFFNESS, rel=0.1)
@@ -56,7 +56,7 @@ def test_a_missing_spring_leads_over_windows_and_whole_trials_fitted_from_there_
 def test_the_others_are_those_that_were_given_in_the_order_of_their_tests_over_windows(made):
     bench, options = made
     given = [SimpleNamespace(candidate=o) for o in options if o.effect in ("drag", "constant_force")]
-    others = over_windows(bench, bench.base(), [], options, given).others
+    others = over_windows(bench, bench.base(), [], given, Asked(options)).others
     assert {t.candidate.effect for t in others} == {"drag", "constant_force"}
     assert [t.statistic for t in others] == sorted((t.statistic for t in others), reverse=True)
 
@@ -67,14 +67,14 @@ def test_a_contender_of_the_whole_trials_is_fitted_over_windows_as_well(made, mo
     inner = Short.with_
     monkeypatch.setattr(Short, "with_", lambda self, t, *rest: seen.append(t.candidate.effect) or inner(self, t, *rest))
     weak = next(o for o in options if o.effect == "drag")
-    over_windows(bench, bench.base(), [[SimpleNamespace(candidate=weak)]], options, ())
+    over_windows(bench, bench.base(), [[SimpleNamespace(candidate=weak)]], (), Asked(options))
     assert {"drag", "spring_force"} <= set(seen)
 
 
 def test_classes_stay_as_they_are_where_the_windows_cannot_be_simulated(monkeypatch):
     monkeypatch.setattr(windows.Short, "of", lambda bench, fit: None)
     classes, others = [[option("drag")]], [option("payload")]
-    ranked = over_windows(None, None, classes, (), others)
+    ranked = over_windows(None, None, classes, others, Asked(()))
     assert (ranked.classes, ranked.others) == (classes, others)
     assert not ranked.nameless()
 
