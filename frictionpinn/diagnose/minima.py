@@ -9,7 +9,7 @@ from .bench import NEAR, Bench
 from .fit import Fit
 from .rivals import RIVAL, Contender, best_of, levelled, moved, twins
 from .scan import Tested
-from .tries import ASTRAY, add, better, leaves_little, look, penalised
+from .tries import ASTRAY, add, better, leaves_another, leaves_little, look, penalised
 
 PROMISING = 0.5  # of the cost beyond noise: contenders that take off less are not the first to search anew
 WORTHY = 0.5  # of the best gain: what looks as good is refitted at once
@@ -65,16 +65,19 @@ def out_of_wrong_minima(
 
     The best contenders are searched anew; and all other candidates are tried, before that where the contenders
     explain little. Where the score tests that chose them were made in a wrong minimum, the best alone is searched
-    first: that costs a seventh of what it costs to look at all others.
+    first: that costs a seventh of what it costs to look at all others. Where windows chose the best and it leaves but
+    another effect, no others are asked for all of it.
     """
     best = min((fit for _, fit in fits), key=lambda fit: fit.state.cost)
     promising = gained(before, best) > PROMISING * (before.state.cost - 0.5 * before.count)
     trusted = not astray(classes)
     if promising:
         fits = _searched(bench, before, fits, DEEP if trusted else 1)
-    if not explained(fits):
+    tested, fit = best_of(fits)
+    alone = tested.short is None or not leaves_another(before, fit)
+    if alone and not explained(fits):
         try_others(bench, before, classes, fits, others)
-    if not ((promising and trusted) or explained(fits)):
+    if alone and not ((promising and trusted) or explained(fits)):
         fits = _searched(bench, before, fits)
     return fits
 

@@ -19,7 +19,7 @@ from .held_out import bent
 from .remainder import Remainder
 from .restarts import blunted, lifted, peaked, widened
 from .scan import Scanned, Tested, scan
-from .tries import better, penalised
+from .tries import better, leaves_another, penalised
 from .windows import Asked
 
 __all__ = ["Accepted", "Refused", "Selection", "Settings", "select"]
@@ -86,14 +86,16 @@ def select(
         left = [t.candidate for t in selection.last.tested
                 if not taken & set(t.candidate.strengths) and t.candidate.name not in banned]  # fmt: skip
         variables = () if selection.accepted or not _remains(selection, settings) else remainders
+        before = selection.fit
         accepted, selection.fit, refused = contest(
-            bench, selection.fit, significant, hidden, others, settings, Asked(left, variables, places, settings.most)
+            bench, before, significant, hidden, others, settings, Asked(left, variables, places, settings.most)
         )
         selection.refused += refused
         if accepted is None:
             break
         selection.accepted.append(accepted)
-        _polish(bench, selection, options, remainders, places, settings)
+        another = accepted.tested.short is not None and leaves_another(before, selection.fit)
+        _polish(bench, selection, options, remainders, places, settings, another)
         if not selection.accepted and not again:
             # It but led out of a wrong minimum: what was refused there is asked anew.
             selection.refused, again = [], True
@@ -121,16 +123,17 @@ def _polish(
     remainders: Sequence[Remainder],
     places: Mapping[str, float],
     settings: Settings,
+    another: bool,
 ) -> None:
     """Search the likelihood with the effect that was added, take out what it makes superfluous, and scan what is left.
 
-    The likelihood of a law with memory is rugged.
+    The likelihood of a law with memory is rugged. Where ``another`` effect is left, no other minimum is looked for.
     """
     rugged = bench.mechanism.memory
     if rugged:
         selection.fit = bench.settle(selection.fit, partial(bent, bench))
     deepened = rugged and not selection.fit.explains
-    if deepened:
+    if deepened and not another:
         _deepen(bench, selection)
     if drop(bench, selection, settings) and rugged and not selection.fit.explains:
         selection.fit = bench.settle(selection.fit, partial(bent, bench))

@@ -17,6 +17,7 @@ from .scan import Tested
 
 ASTRAY = 300.0  # statistic from which the fit is taken to be in a wrong minimum for want of the effect
 NEARLY = 0.2  # of the correlation before: a refit that leaves less explains nearly all
+ALMOST = 0.05  # the same, of one that windows chose: what is left is another effect
 ROUGH = 6  # iterations of a first look
 
 
@@ -33,6 +34,11 @@ def better(*fits: Fit | None) -> Fit | None:
 def leaves_little(before: Fit, fit: Fit) -> bool:
     """Whether what is left to do is to polish the fit, not to look elsewhere."""
     return fit.explains or fit.correlation < NEARLY * before.correlation
+
+
+def leaves_another(before: Fit, fit: Fit) -> bool:
+    """Whether what is left is so little of what was that it is another effect, not this one in a wrong minimum."""
+    return not fit.explains and fit.correlation < ALMOST * before.correlation
 
 
 def look(bench: Bench, fit: Fit, tested: Tested) -> Fit | None:
