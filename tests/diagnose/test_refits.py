@@ -215,3 +215,16 @@ def test_what_leaves_little_but_not_nothing_keeps_no_other_from_being_tried(trie
     tries.found = {"ripple": fit(100, 13.0), "constant_force": fit(50, 1.0)}
     found = refitted(tries.bench, fit(1000, 260.0), [[option("ripple", 0)]], [option("constant_force", 1)])
     assert names(found)[0] == "constant_force"
+
+
+@pytest.mark.parametrize(("short", "correlation", "looks"), [({}, 10.0, 0), ({}, 20.0, 1), (None, 10.0, 1)])
+def test_where_windows_chose_a_leader_that_leaves_but_another_effect_no_others_are_asked_for_all_of_it(
+    tries, monkeypatch, short, correlation, looks
+):
+    looked = []
+    monkeypatch.setattr(minima, "look", lambda bench, before, t: looked.append(t.candidate.effect) or fit(900, 200.0))
+    tries.found = {"asymmetry": fit(100, correlation), "payload": fit(900, 200.0)}
+    leader = SimpleNamespace(**(vars(option("asymmetry", 0)) | {"short": short}))
+    found = refitted(tries.bench, fit(1000, 250.0), [[leader]], [option("payload", 9)])
+    assert names(found)[0] == "asymmetry"
+    assert looked == ["payload"] * looks

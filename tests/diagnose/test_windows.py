@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +15,8 @@ from frictionpinn.diagnose import windows
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.candidates import candidates
 from frictionpinn.diagnose.diagnosis import _bench
-from frictionpinn.diagnose.observe import scales, simulations
+from frictionpinn.diagnose.observe import ranges, scales, simulations
+from frictionpinn.diagnose.remainder import places
 from frictionpinn.diagnose.rivals import mates, twins
 from frictionpinn.diagnose.tries import from_windows
 from frictionpinn.diagnose.windows import Asked, Short, over_windows, regular
@@ -23,26 +25,36 @@ from frictionpinn.physics.mechanism import Mechanism
 
 TRUTH = {"sigma_0": 2e4, "sigma_1": 150.0, "sigma_2": 2.0, "mu_c": 3.0, "mu_s": 4.0, "v_s": 5e-3}
 TRIALS = [{"duration": 2.0, "force": "5*sin(2*pi*t)"}, {"duration": 2.0, "force": "6*sin(3*pi*t)"}]
+SYSTEM = SYSTEMS["drive"](M=1.0)
 STIFFNESS = 3.0  # N/m
 
 
 @pytest.fixture(scope="module")
-def made() -> tuple[Bench, tuple]:
-    system = SYSTEMS["drive"](M=1.0)
-    recording = simulate_recording(
-        system, "lugre", TRUTH | {"spring_stiffness": STIFFNESS, "spring_rest": 0.0}, TRIALS, 200.0, ("spring_force",)
-    )
-    noisy, names = GaussianNoise(0.02)(recording, 0), ["constant_force", "spring_force", "drag", "asymmetric_viscous"]
-    bench, kinds, _ = _bench(Mechanism(system, LAWS["lugre"]()), noisy, noisy.select(()), names, None, {})
+def recording():
+    truth = TRUTH | {"spring_stiffness": STIFFNESS, "spring_rest": 0.0}
+    return GaussianNoise(0.02)(simulate_recording(SYSTEM, "lugre", truth, TRIALS, 200.0, ("spring_force",)), 0)
+
+
+def fitted_with(recording, *names: str) -> tuple[Bench, Asked]:
+    """The declared model fitted, and what is asked where only these effects are known."""
+    declared = Mechanism(SYSTEM, LAWS["lugre"]())
+    bench, kinds, probes = _bench(declared, recording, recording.select(()), names, None, {})
     runs = simulations(bench, bench.base())
-    return bench, candidates(kinds, system, bench.mechanism.law, scales(system, runs))
+    covered = ranges(SYSTEM, probes, runs)
+    where = {k: v for r in probes for k, v in places(r, covered[r.variable]).items()}
+    return bench, Asked(candidates(kinds, SYSTEM, declared.law, scales(SYSTEM, runs)), probes, where, 4)
+
+
+@pytest.fixture(scope="module")
+def made(recording) -> tuple[Bench, Asked]:
+    return fitted_with(recording, "constant_force", "spring_force", "drag", "asymmetric_viscous")
 
 
 def test_a_missing_spring_leads_over_windows_and_whole_trials_fitted_from_there_leave_noise(made):
-    bench, options = made
+    bench, asked = made
     before = bench.base()
     assert not before.explains
-    ranked = over_windows(bench, before, [], (), Asked(options))
+    ranked = over_windows(bench, before, [], (), asked)
     (first, *_), *_ = ranked.classes
     assert first.candidate.name == "spring_force"
     assert first.short["spring_stiffness"] == pytest.approx(STIFFNESS, rel=0.1)
@@ -53,21 +65,28 @@ def test_a_missing_spring_leads_over_windows_and_whole_trials_fitted_from_there_
     assert not ranked.nameless()
 
 
+def test_where_no_known_effect_is_the_one_and_position_explains_it_no_name_fits(recording):
+    bench, asked = fitted_with(recording, "constant_force", "drag")
+    assert over_windows(bench, bench.base(), [], (), asked).nameless()
+    elsewhere = tuple(r for r in asked.variables if r.variable == "velocity")
+    assert not over_windows(bench, bench.base(), [], (), replace(asked, variables=elsewhere)).nameless()
+
+
 def test_the_others_are_those_that_were_given_in_the_order_of_their_tests_over_windows(made):
-    bench, options = made
-    given = [SimpleNamespace(candidate=o) for o in options if o.effect in ("drag", "constant_force")]
-    others = over_windows(bench, bench.base(), [], given, Asked(options)).others
+    bench, asked = made
+    given = [SimpleNamespace(candidate=o) for o in asked.options if o.effect in ("drag", "constant_force")]
+    others = over_windows(bench, bench.base(), [], given, asked).others
     assert {t.candidate.effect for t in others} == {"drag", "constant_force"}
     assert [t.statistic for t in others] == sorted((t.statistic for t in others), reverse=True)
 
 
 def test_a_contender_of_the_whole_trials_is_fitted_over_windows_as_well(made, monkeypatch):
-    bench, options = made
+    bench, asked = made
     seen = []
     inner = Short.with_
     monkeypatch.setattr(Short, "with_", lambda self, t, *rest: seen.append(t.candidate.effect) or inner(self, t, *rest))
-    weak = next(o for o in options if o.effect == "drag")
-    over_windows(bench, bench.base(), [[SimpleNamespace(candidate=weak)]], (), Asked(options))
+    weak = next(o for o in asked.options if o.effect == "drag")
+    over_windows(bench, bench.base(), [[SimpleNamespace(candidate=weak)]], (), asked)
     assert {"drag", "spring_force"} <= set(seen)
 
 
