@@ -15,15 +15,17 @@ COMMAND = "python benchmarks/blind.py"
 MENDED = {
     "com_offset": (14, 16, 22),
     "constant_force": (23, 33, 37, 75),
-    "spring_force": (74, 84),
+    "spring_force": (74, 84, 85),
     "payload": (17, 27, 30),
     "low_speed": (16, 36, 74, 75),
     "drag": (72,),
     "adhesion": (73,),
     "position_friction": (72, 78, 80),
-    "sensor_bias": (29,),
+    "sensor_bias": (29, 83),
     "ripple": (79,),
     "sensor_scale": (79,),
+    "inertia": (85,),
+    "sensor_delay": (80,),
 }
 UNSEEN = 16
 

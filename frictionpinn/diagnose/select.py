@@ -70,26 +70,20 @@ def select(
     while len(selection.accepted) < settings.most:
         taken = {name for a in selection.accepted for name in a.candidate.strengths}
         banned = {r.candidate.name for r in selection.refused}
-        significant = [
+        left = [
             t for t in selection.last.tested
-            if t.log_p + np.log10(len(options)) < settings.log_p
-            and not taken & set(t.candidate.strengths) and t.candidate.name not in banned
+            if not taken & set(t.candidate.strengths) and t.candidate.name not in banned
         ]  # fmt: skip
+        significant = [t for t in left if t.log_p + np.log10(len(options)) < settings.log_p]
         hidden = cache(partial(_beside_vanished, bench, selection, options, settings))
-        if not significant and not _remains(selection, settings) and not hidden():
+        remains = _remains(selection, settings)
+        if not significant and not remains and not hidden():
             break
-        others = [
-            t
-            for t in selection.last.tested
-            if not selection.accepted and t.candidate.name not in banned and len(t.candidate.grid) < MANY
-        ]
-        left = [t.candidate for t in selection.last.tested
-                if not taken & set(t.candidate.strengths) and t.candidate.name not in banned]  # fmt: skip
-        variables = () if selection.accepted or not _remains(selection, settings) else remainders
+        others = [t for t in left if not selection.accepted and len(t.candidate.grid) < MANY]
+        variables = remainders if remains and not selection.accepted else ()
+        asked = Asked([t.candidate for t in left], variables, places, settings.most)
         before = selection.fit
-        accepted, selection.fit, refused = contest(
-            bench, before, significant, hidden, others, settings, Asked(left, variables, places, settings.most)
-        )
+        accepted, selection.fit, refused = contest(bench, before, significant, hidden, others, settings, asked)
         selection.refused += refused
         if accepted is None:
             break
