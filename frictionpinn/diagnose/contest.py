@@ -131,10 +131,18 @@ def _leaves_little(bench: Bench, before: Fit, classes: Sequence[Sequence[Tested]
 def _proofs(
     bench: Bench, before: Fit, fits: Sequence[Contender], settings: Settings
 ) -> Iterator[tuple[Tested, Fit, float | None, str]]:
-    """Every contender with its proof, see :func:`_proof`: the first as a rule passes, others are judged together."""
+    """Every contender with its proof, see :func:`_proof`: the first as a rule passes, others are judged together.
+
+    One that windows led to may have stopped in a minimum near the best: refused, it is searched anew and asked again.
+    """
 
     def judged(first: int, k: int) -> tuple[Tested, Fit, float | None, str]:
-        return *fits[first + k], *_proof(bench, before, *fits[first + k], settings)
+        tested, fit = fits[first + k]
+        held, why = _proof(bench, before, tested, fit, settings)
+        if held is not None and why and tested.short is not None and fit.explains and not fit.searched:
+            fit = bench.search(fit)
+            held, why = _proof(bench, before, tested, fit, settings)
+        return tested, fit, held, why
 
     for first, last in ((0, 1), *((k, k + WORKERS) for k in range(1, len(fits), WORKERS))):
         yield from in_parallel(partial(judged, first), [1.0] * len(fits[first:last]))

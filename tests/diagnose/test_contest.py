@@ -20,7 +20,9 @@ def contender(effect: str, cost: float, held: float = 0.0, as_fitted: float | No
         as_fitted=held if as_fitted is None else as_fitted, explains=True,
     )  # fmt: skip
     candidate = Candidate(effect, effect, (effect,))
-    return SimpleNamespace(candidate=candidate, beside=None, freedom=1, statistic=200.0, log_p=-30.0, step={}), fit
+    return SimpleNamespace(
+        candidate=candidate, beside=None, freedom=1, statistic=200.0, log_p=-30.0, step={}, short=None
+    ), fit
 
 
 @pytest.fixture(autouse=True)
@@ -85,3 +87,20 @@ def test_a_fit_that_predicts_held_out_trials_as_it_is_wins_over_one_that_is_bent
         assert [r.candidate.effect for r in refused] == ["load_exponent"] and not accepted.alike
         assert refused[0].why == "predicts held-out trials worse than adhesion"
         assert accepted.evidence["gain_fitted"] == 191.0 and accepted.evidence["gain_held_out"] == 80.0
+
+
+@pytest.mark.parametrize(
+    ("short", "correlation_explained", "accepted"), [({}, True, True), (None, True, False), ({}, False, False)]
+)
+def test_a_fit_from_windows_that_held_out_trials_refuse_is_searched_anew_and_asked_again(
+    monkeypatch, short, correlation_explained, accepted
+):
+    (tested, fit), (_, lower) = contender("drag", 120.0, -3.0), contender("drag", 100.0, 20.0)
+    tested.short, fit.searched, fit.explains = short, False, correlation_explained
+    monkeypatch.setattr(contest, "refitted", lambda *a: [(tested, fit)])
+    monkeypatch.setattr(contest, "contenders", lambda significant: [[tested]])
+    before, bench = contender("nothing", 300.0)[1], SimpleNamespace(search=lambda found: lower)
+    found, after, refused = contest.contest(bench, before, (), tuple, (), contest.Settings())
+    assert (found is not None) is accepted
+    assert after is (lower if accepted else before)
+    assert [r.candidate.effect for r in refused] == ([] if accepted else ["drag"])
