@@ -27,10 +27,11 @@ from .scan import Tested, scan
 from .tries import better, penalised, reach
 
 WILD = 10.0  # times what nine windows in ten say at most: more is no information
-SLOW = 2.0  # times that, if two together leave more, others are not asked
-LEFT, NEXT = 0.3, 2  # of the correlation: what several candidates together may leave; of them tried in turn
+LEFT = 0.3  # of the correlation: candidates together, or a variable, that leave more do not explain it
+SLOW = 2.0  # times that: where two candidates together leave more, no third is asked
+NEXT = 2  # candidates fitted beside those that are there, of which the best stays
 MOST, FIRST = 9, 2  # candidates that are fitted over windows; the first are fitted to the end
-WORTH = 0.5, 0.25  # of the best there: candidates that gain less are not fitted to the whole trials; a score test's
+WORTH = 0.5, 0.25  # of the best: with a smaller gain over windows not fitted to whole trials, statistic: to windows
 
 
 @dataclass(frozen=True)
