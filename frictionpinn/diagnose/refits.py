@@ -25,7 +25,7 @@ from .minima import (
     try_others,
 )
 from .restarts import lifted
-from .rivals import Contender, best_of, levelled, mates, twins
+from .rivals import Contender, best_of, levelled, mates, twins, usual_first
 from .scan import Tested
 from .simpler import simpler
 from .tries import ASTRAY, ROUGH, add, better, leaves_little, penalised, reach
@@ -217,4 +217,4 @@ def contenders(significant: Sequence[Tested]) -> list[list[Tested]]:
             own.append(tested)
         elif len(classes) < CONTENDERS and tested.statistic > worth:
             classes.append([tested])
-    return [sorted(group, key=lambda t: (t.candidate.usual, min(t.step.values()) < 0)) for group in classes]
+    return [usual_first(group) for group in classes]

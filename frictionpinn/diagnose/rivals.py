@@ -63,6 +63,11 @@ def _cosine(one: Tested, other: Tested) -> float:
     return abs(float(one.trace @ other.trace)) if len(one.trace) == len(other.trace) else 0.0
 
 
+def usual_first(group: Sequence[Tested]) -> list[Tested]:
+    """What the score tests do not tell apart: the more usual effect first, then one that adds."""
+    return sorted(group, key=lambda t: (t.candidate.usual, min(t.step.values()) < 0))
+
+
 def moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:
     """The fit anew, from the best's unknowns that they share, and strengths that do what the best's do."""
     tested, fit = own

@@ -22,7 +22,7 @@ from .candidates import Candidate
 from .fit import Fit
 from .minima import gained
 from .remainder import BUMPS, Remainder
-from .rivals import twins
+from .rivals import twins, usual_first
 from .scan import Tested, scan
 from .tries import better, penalised, reach
 
@@ -215,4 +215,4 @@ def _classes(tested: Sequence[Tested], also: Sequence[Tested]) -> list[list[Test
             group.append(t)
         elif t.candidate.name in named and len(groups) < MOST:
             groups.append([t])
-    return [sorted(group, key=lambda t: (t.candidate.usual, min(t.step.values()) < 0)) for group in groups]
+    return [usual_first(group) for group in groups]
