@@ -4,13 +4,14 @@ motion together with all parameters of the model."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from .bench import Bench
 from .errors import compare
 from .fit import Fit
 from .held_out import check
-from .remainder import BUMPS, Remainder
+from .remainder import Remainder
+from .rows import on_probe
 from .scan import Remaining
 
 
@@ -56,13 +57,9 @@ def train_network(
     """
     best = remaining[0]
     effect = next(r for r in remainders if r.variable == best.variable)
-    names = tuple(f"{best.kind}_{best.variable}_{k}" for k in range(BUMPS))
-    probe = bench.probe
-    idle = {par.name: float(par.value) for par in probe.mechanism.parameters if par.value is not None}
-    values = idle | fit.values | dict(places)
-    start = replace(fit, values=values, models=tuple(replace(m, simulator=probe) for m in fit.models))
+    names, start = best.names, on_probe(bench, fit, places)
     steps = dict(zip(names, best.coefficients, strict=True))
-    tried = [bench.refit(start, (*fit.names, *names), values | init) for init in ({}, steps)]
+    tried = [bench.refit(start, (*fit.names, *names), start.values | init) for init in ({}, steps)]
     found = min((f for f in tried if f is not None), key=lambda f: f.state.cost, default=None)
     if found is None:
         return None

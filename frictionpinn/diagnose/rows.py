@@ -30,6 +30,13 @@ def linearise(
     return in_parallel(work, [len(model.t) for model in fit.models])
 
 
+def on_probe(bench: Bench, fit: Fit, places: Mapping[str, float]) -> Fit:
+    """The fit on the mechanism with forces that depend on a variable in any way, all of these still zero."""
+    idle = {par.name: float(par.value) for par in bench.probe.mechanism.parameters if par.value is not None}
+    models = tuple(replace(model, simulator=bench.probe) for model in fit.models)
+    return replace(fit, values=idle | fit.values | dict(places), models=models)
+
+
 def derivatives(
     bench: Bench, fit: Fit, names: Sequence[str], values: Mapping[str, float], runs: Sequence[Simulation] | None
 ) -> list[Rows]:

@@ -41,6 +41,11 @@ class Remaining:
     coefficients: np.ndarray
     errors: np.ndarray
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Strengths of its bumps."""
+        return tuple(f"{self.kind}_{self.variable}_{k}" for k in range(BUMPS))
+
 
 @dataclass(frozen=True)
 class Scanned:

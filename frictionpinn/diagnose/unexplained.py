@@ -83,7 +83,7 @@ def explained_share(bench: Bench, fit: Fit, found: Remaining, places: dict[str, 
     checked = check(bench, fit)
     if checked is None:
         return float("nan")
-    names = tuple(f"{found.kind}_{found.variable}_{k}" for k in range(BUMPS))
+    names = found.names
     rows = linearise(bench, checked, names, places, probed=True)
     columns = [Columns.of(row, None) for row in rows]
     normal = Normal.of(names, columns)

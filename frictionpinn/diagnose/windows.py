@@ -21,8 +21,9 @@ from .bench import SHORT, Bench, tried
 from .candidates import Candidate
 from .fit import Fit
 from .minima import gained
-from .remainder import BUMPS, Remainder
+from .remainder import Remainder
 from .rivals import twins, usual_first
+from .rows import on_probe
 from .scan import Tested, scan
 from .tries import better, penalised, reach
 
@@ -195,12 +196,9 @@ def _of_one_variable(short: Short, asked: Asked) -> bool:
     """Whether a force, or a friction, that depends on one variable in any way leaves little over windows."""
     if not (remaining := scan(short.bench, short.fit, (), asked.variables, asked.places).remaining):
         return False
-    probe, fit = short.bench.probe, short.fit
-    idle = {par.name: float(par.value) for par in probe.mechanism.parameters if par.value is not None}
-    names = (*fit.names, *(f"{remaining[0].kind}_{remaining[0].variable}_{k}" for k in range(BUMPS)))
-    there = replace(fit, models=tuple(replace(model, simulator=probe) for model in fit.models))
-    found = short.bench.refit(there, names, idle | fit.values | dict(asked.places), iterations=SHORT)
-    return found is not None and found.correlation < LEFT * fit.correlation
+    there = on_probe(short.bench, short.fit, asked.places)
+    found = short.bench.refit(there, (*there.names, *remaining[0].names), there.values, iterations=SHORT)
+    return found is not None and found.correlation < LEFT * short.fit.correlation
 
 
 def _classes(tested: Sequence[Tested], also: Sequence[Tested]) -> list[list[Tested]]:
