@@ -1,4 +1,15 @@
-"""Maximum likelihood on simulated trajectories, noisy inputs estimated with the parameters."""
+"""Maximum likelihood on simulated trajectories, noisy inputs estimated with the parameters.
+
+Two things make this likelihood rugged. Errors add up over a trial: a static friction a little off moves a stop, and all
+that follows is another motion. And what is sampled jumps: a stop one sample late costs the whole jump of the
+acceleration, and a small change of the parameters changes nothing. So the search goes
+
+1. over short windows, each begun anew from what was measured, at a coarse resolution in time: a design over what the
+   sliding samples do not tell, the best refined (:func:`find_start`);
+2. over whole trials, noisy inputs among the unknowns, from that resolution to the single sample, each minimum the start
+   of the next (:func:`coarse_to_fine`);
+3. at the noise levels that the residuals show, until these settle.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +25,10 @@ from ..errors import UserError
 from ..numerics.simulate import ContactLost, SimulationFailed
 from ..physics.mechanism import Mechanism
 from .assemble import estimated_sigmas, failed, finish
-from .explore import ENOUGH, descend, explore, neighbours, returned
+from .explore import ENOUGH, explore, neighbours, returned
 from .problem import Problem
 from .result import Estimate
-from .solve import KNOWN, Evaluate, Solution, State, levenberg_marquardt
+from .solve import Evaluate, Solution, State, levenberg_marquardt
 from .start import coarse_design, ridge_grid, search
 from .trial import TrialModel
 
@@ -29,6 +40,9 @@ REACH = 2.0  # times the largest friction force: how far from zero the initial b
 MISFIT = 20.0  # times the noise by differences: residuals over windows that are larger set the level
 GIVEN = "as given"  # a start that is fitted even where it looks poor over windows
 NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
+COARSEST = 0.25  # of the usual time between two peaks of the slip velocity: a stop is placed better than that
+FINER = 2.0  # factor from one resolution to the next: a minimum lies well within the basin of the next
+COARSE: dict[str, Any] = {"iterations": 20, "decrease": 0.1}  # of a search at a coarse resolution
 
 Found = tuple[Solution, tuple[TrialModel, ...]]  # where a search ended, and the models of the trials there
 
@@ -43,11 +57,57 @@ def windows_of(problem: Problem) -> tuple[TrialModel, ...]:
     return tuple(windows)
 
 
-def _evaluator(problem: Problem, models: Sequence[TrialModel], joint: bool, sigmas: Mapping[str, float] | None = None):
+def _evaluator(
+    problem: Problem,
+    models: Sequence[TrialModel],
+    joint: bool,
+    sigmas: Mapping[str, float] | None = None,
+    width: float = 0.0,
+) -> Evaluate:
     def evaluate(u, locals_, derivatives, **options):
-        return problem.evaluate(models, u, locals_, derivatives, joint=joint, sigmas=sigmas, **options)
+        return problem.evaluate(models, u, locals_, derivatives, joint=joint, sigmas=sigmas, width=width, **options)
 
     return evaluate
+
+
+def resolutions(problem: Problem) -> list[float]:
+    """Resolutions in time, s, from the coarsest to the single sample (0)."""
+    times = np.concatenate([np.diff(motion.model.t[motion.edges]) for motion in problem.motions])
+    interval = min(float(np.median(np.diff(model.t))) for model in problem.trials)
+    coarsest = COARSEST * float(np.median(times))
+    count = 1 + int(np.log(max(coarsest / interval, 1.0)) / np.log(FINER))
+    return [*(coarsest / FINER**k for k in range(count)), 0.0]
+
+
+def coarse_to_fine(
+    problem: Problem,
+    models: Sequence[TrialModel],
+    first: State,
+    sigmas: Mapping[str, float],
+    widths: Sequence[float] | None = None,
+) -> Solution | None:
+    """Follow the minimum from the coarsest resolution in time to the single sample.
+
+    Args:
+        problem: whose parameters are sought.
+        models: of its trials.
+        first: unknowns to start from.
+        sigmas: noise standard deviations, SI units.
+        widths: resolutions, s, coarsest first; by default :func:`resolutions`.
+
+    Returns:
+        the minimum at the last one; None where the model cannot be simulated at the start.
+    """
+    found, state = None, first
+    for width in resolutions(problem) if widths is None else widths:
+        evaluate = _evaluator(problem, models, problem.joint, sigmas, width)
+        begun = evaluate(state.u, state.locals, True)
+        if begun is None:
+            return found
+        options = COARSE if width else {"iterations": 20, "decrease": ENOUGH}
+        found = levenberg_marquardt(evaluate, begun, problem.space.limits, **options)
+        state = found.state
+    return found
 
 
 def find_start(problem: Problem, given: Mapping[str, float] | None = None, asis: bool = True) -> list[Solution]:
@@ -55,10 +115,10 @@ def find_start(problem: Problem, given: Mapping[str, float] | None = None, asis:
     and, with ``asis``, as it is."""
     windows = windows_of(problem)
     locals_ = [model.local for model in windows]
-    space = problem.space
+    space, width = problem.space, resolutions(problem)[0]
 
     def evaluator(which: Sequence[int]) -> Evaluate:
-        full = _evaluator(problem, [windows[k] for k in which], False)
+        full = _evaluator(problem, [windows[k] for k in which], False, width=width)
         return lambda u, locals_, derivatives, **options: full(u, locals_, derivatives, **(ROUGH | options))
 
     own = []
@@ -116,13 +176,9 @@ def _alike(start: State, other: State) -> bool:
 def _whole(
     problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, float], known: Found | None
 ) -> Found | None:
-    """Fit the whole trials from the best start, and from the others that are about as good but elsewhere.
-
-    A search that comes where another was, or where ``known`` is, ends there.
-    """
-    best, least = known, np.inf
+    """Fit the whole trials from the best start, and from the others that are about as good but elsewhere."""
+    best = known
     tried: list[Solution] = []
-    minima = [returned(known[0].state)] if known else []
     rival = RIVAL if problem.mechanism.memory else np.inf  # jumps at a sample more or less: windows rank poorly
     for start in starts:
         poor = start.state.cost > starts[0].state.cost + rival and start.reason != GIVEN
@@ -133,17 +189,10 @@ def _whole(
             models = with_bristle(problem, start.state.u)
         except (ContactLost, SimulationFailed):
             continue
-        evaluate = _evaluator(problem, models, problem.joint, sigmas)
-        locals_ = [model.local[: model.size(problem.joint)] for model in models]
-        first = evaluate(start.state.u, locals_, True)
-        if first is None:
+        locals_ = tuple(model.local[: model.size(problem.joint)] for model in models)
+        found = coarse_to_fine(problem, models, State(start.state.u, locals_, ()), sigmas)
+        if found is None:
             continue
-        found = descend(
-            evaluate, first, problem.space.limits, least, lambda state: any(visited(state) for visited in minima)
-        )
-        least = min(least, found.state.cost)
-        if found.reason != KNOWN:
-            minima.append(returned(found.state))
         if best is None or found.state.cost < best[0].state.cost:
             best = found, models
     return best

@@ -60,10 +60,13 @@ class Motion:
             for c in free:
                 start[c.signals[0]] = float(self.signals[c.signals[0]][i])
                 start[c.signals[1]] = float(self.signals[c.signals[1]][i]) if moving else 0.0
+            if not k and not moving:  # a trial may begin while it slides slowly
+                start |= {c.signals[1]: model.start[c.signals[1]] for c in free}
+                moving = any(start[c.signals[1]] != 0 for c in free)
             states = tuple(start) if moving else tuple(c.signals[0] for c in free)
             part = slice(i, j + 1)
             y = model.y[:, part].copy()
-            if moving and mu_c and "sigma_0" in model.simulator.parameter_names:
+            if self.fast[i] and mu_c and "sigma_0" in model.simulator.parameter_names:
                 start["z"] = mu_c * float(normal[i] * np.sign(self.v_slip[i]))
                 y[:, 0] = np.nan
             base = InputPath(path.names, model.t[part], path.coefficients[i:j])

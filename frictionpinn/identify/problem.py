@@ -12,9 +12,10 @@ from ..errors import choose
 from ..numerics.simulate import ContactLost, SimulationFailed, Simulator
 from ..physics.mechanism import Mechanism
 from .build import Builder, Channels, difference_sigmas, windows_of
-from .loss import choose_loss
+from .loss import LOSSES, choose_loss
 from .motion import smoothed
 from .parallel import in_parallel
+from .prior import Prior
 from .solve import State
 from .space import Space, check_fixed, check_names
 from .start import data_start, default_bounds
@@ -58,6 +59,7 @@ class Problem:
         self.mechanism, self.recording = mechanism, recording
         self.simulator = Simulator(mechanism)
         self.loss = choose_loss(loss, mechanism)
+        self.coarse_loss = LOSSES["gaussian"] if loss == "auto" else self.loss  # jumps do not make outliers there
         self.joint = choose(inputs, {"joint": True, "fixed": False}, "inputs")
         choose(initial, {"free": 1, "rest": 1}, "initial")
         check_names(mechanism, (*(free or ()), *(bounds or {}), *(fixed or {})))
@@ -101,6 +103,7 @@ class Problem:
                 strict=True,
             )
         )
+        self.prior = Prior.of(self.space, self.start, self.fixed)
         self._calls: list[bool] = []
 
     @property
@@ -123,12 +126,15 @@ class Problem:
         joint: bool | None = None,
         sigmas: Mapping[str, float] | None = None,
         ran: State | None = None,
+        width: float = 0.0,
         **options,
     ) -> State | None:
         """Cost at u and the local unknowns, all trials in parallel; None where one cannot be simulated.
 
-        ``ran`` is the state there from ``strict`` simulations: with derivatives, nothing is simulated again.
+        ``ran`` is the state there from ``strict`` simulations: with derivatives, nothing is simulated again. ``width``
+        is the resolution in time, s.
         """
+        loss = self.coarse_loss if width else self.loss
         p, joint = self.values(u), self.joint if joint is None else joint
         sigmas, names = sigmas or self.sigmas, self.names if derivatives else ()
         runs = [None] * len(models) if ran is None else [part.run for part in ran.pieces]
@@ -138,7 +144,7 @@ class Problem:
 
         def piece(k: int) -> Piece | None:
             try:
-                found = models[k].evaluate(p, locals_[k], sigmas, self.loss, names, joint, runs[k], **options)
+                found = models[k].evaluate(p, locals_[k], sigmas, loss, names, joint, runs[k], width, **options)
             except (ContactLost, SimulationFailed):
                 return None
             if not names:
@@ -151,4 +157,6 @@ class Problem:
         pieces = tuple(part for part in found if part is not None)
         if len(pieces) < len(models) or not all(np.isfinite(part.cost) for part in pieces):
             return None
+        if len(self.prior.target):
+            pieces = (self.prior.added(pieces[0], u), *pieces[1:])
         return State(np.asarray(u, float), tuple(locals_), pieces)

@@ -13,6 +13,7 @@ from ..numerics.simulate import Simulation, Simulator
 from .gram import gram
 from .inputs import PathBasis
 from .loss import Loss
+from .resolution import averaged, samples_within
 
 RELATIVE_FLOOR = 1e-12  # of the largest diagonal entry: keeps what no signal sees from making a matrix singular
 
@@ -175,24 +176,31 @@ class TrialModel:
         names: Sequence[str] = (),
         joint: bool = False,
         ran: Simulation | None = None,
+        width: float = 0.0,
         **options,
     ) -> Piece:
         """Cost of the trial, and with ``names`` of free parameters its derivatives (from ``ran`` as in ``simulate``).
 
         The derivatives in the parameters are in their own units, those in the initial bristle in the bristle force's.
+        ``width``, s, is the resolution in time at which the outputs are compared; 0: sample by sample.
         """
         run = self.simulate(p, local, names, joint, ran, **options)
         model = self.predict(run)
         residuals = {name: row - y for name, row, y in zip(self.outputs, model, self.y, strict=True)}
         scale = np.array([sigmas[name] for name in self.outputs])
+        measured, half = np.where(np.isnan(self.y), 0.0, 1.0), samples_within(self.t, width)
         r = _without_gaps((model - self.y) / scale[:, None])
+        if half:
+            r = averaged(np.ascontiguousarray(r[:, :, None]), measured, half)[:, :, 0]
         cost = loss.cost(r)
         prior = self._prior(local)
         cost += 0.5 * float(prior @ prior)
         n_g, n_l, n_s = len(names), self.size(joint), len(self.states)
         if names:
             J = self.derivatives(run, p, names)
-            weight = np.where(np.isnan(self.y), 0.0, loss.weight(r) / scale[:, None] ** 2)
+            if half:
+                J, measured = averaged(J, measured, half), np.ones_like(r)
+            weight = measured * loss.weight(r) / scale[:, None] ** 2
             H, gradient = gram(J.reshape(-1, n_g + n_l), (r * scale[:, None]).reshape(-1), weight.reshape(-1))
             ll, grad_l = H[n_g:, n_g:].copy(), gradient[n_g:].copy()
             if "z" in self.states:
