@@ -13,6 +13,7 @@ import numpy as np
 from ..data.recording import Recording
 from ..identify.explore import explore, moved
 from ..identify.likelihood import maximum_likelihood
+from ..identify.prior import Prior
 from ..identify.problem import Problem, in_parallel
 from ..identify.result import FAILED
 from ..identify.solve import KNOWN, Evaluate, Solution, levenberg_marquardt, reduced
@@ -138,6 +139,7 @@ class Bench:
         made.space = Space.build(
             made.mechanism, names, default_bounds(made.mechanism, scales, bounds), made.fixed, sizes
         )
+        made.prior = Prior.of(made.space, problem.prior.start, made.fixed)
         made.shapes = ()
         made.names = made.space.names
         return made

@@ -19,6 +19,10 @@ HINTS = {
     "mu_c": "add steady sliding",
     "M": "add strong accelerations",
 }
+FLAT = (
+    "friction does not rise towards rest in these data; take a law without that (dahl, coulomb_viscous), or record "
+    "slow starts"
+)
 UNTOLD = 1.0  # standard error of a logarithm: a 95 % interval of a factor 50
 BROAD = 0.3  # of the largest slip velocity: a larger Stribeck velocity describes no rise towards rest
 MERGED = 1.05  # times the parameter that another must exceed: below, the two are one
@@ -38,6 +42,12 @@ def untold(space: Space, u: np.ndarray, information: np.ndarray) -> np.ndarray:
     error = np.sqrt(np.maximum(covariance.diagonal(), 0.0)) / np.maximum(np.abs(value), 1e-300)
     alone = np.sqrt(np.maximum(information.diagonal(), 0.0))
     return ~((error <= UNTOLD) & (alone * UNTOLD > 1.0))
+
+
+def lowest(space: Space, p: np.ndarray, name: str) -> float:
+    """What an interval's lower end must exceed to tell anything: 0, or the parameter that this one must exceed."""
+    lower = space.below[space.names.index(name)]
+    return float(p[lower]) * MERGED if lower >= 0 else 0.0
 
 
 def invert(information: np.ndarray) -> np.ndarray:
@@ -89,26 +99,36 @@ def advise(
     as_measured: Sequence[str],
     fastest: float,
     memory_time: float,
+    told: Mapping[str, tuple[float, float]],
+    white: bool,
 ) -> tuple[str, ...]:
     """Sentences for the result: no sliding, parameters not told or at a bound, correlations, a model that lacks.
 
     ``p`` are the values, ``limits`` strengths of effects at a physical limit, ``as_measured`` inputs whose noise is
-    ignored, ``fastest`` the largest slip velocity, 0 where nothing slides.
+    ignored, ``fastest`` the largest slip velocity, 0 where nothing slides, ``told`` 95 % intervals, ``white`` whether
+    the residuals are noise.
     """
     result, hints = [], hints_for(mechanism)
     if fastest == 0.0:
         result.append("the contact hardly slides in this recording: increase the excitation until it does")
     for name, hidden in zip(space.names, mask, strict=True):
-        if hidden:
-            result.append(f"{name} does not show in these data: {hints.get(name, 'vary the excitation')}")
+        low, high = told.get(name, (np.nan, np.nan))
+        below, hint = low <= lowest(space, p, name), hints.get(name, "vary the excitation")
+        if low > lowest(space, p, name) and np.isinf(high):
+            result.append(f"{name}: at least {low:.2g}, not told from above: {hint}")
+        elif below and np.isfinite(high) and space.below[space.names.index(name)] >= 0:
+            result.append(f"{name}: at most {high:.2g}: {FLAT}")
+        elif below and np.isfinite(high):
+            result.append(f"{name}: at most {high:.2g}, not told from below: {hint}")
+        elif hidden or (below and np.isinf(high)):
+            result.append(f"{name} does not show in these data: {hint}")
     for name, value in limits.items():
         more = ": the data show no such effect" if value == 0 else ""
         result.append(f"{name} ended at {value:g}, its physical limit{more}")
     for name, value in at.items():
         lower = space.below[space.names.index(name)]
         if lower >= 0 and value < MERGED * p[lower]:
-            result.append(f"{name} ended at {space.names[lower]}: friction does not rise towards rest in these data; "
-                          "take a law without that (dahl, coulomb_viscous), or record slow starts")  # fmt: skip
+            result.append(f"{name} ended at {space.names[lower]}: {FLAT}")
             continue
         nothing = name in ("mu_c", "sigma_2") and value < 2 * space.low[space.names.index(name)]
         either = "leave it out: this model wants none" if nothing else "hold it fixed"
@@ -119,10 +139,11 @@ def advise(
     result += sentences(space.names, np.nan_to_num(correlation_of(covariance)), hints)
     if as_measured:
         result.append(f"too rough for a smooth path, taken as measured without noise: {', '.join(as_measured)}")
-    if memory_time > CORRELATED:
+    if not white or memory_time > CORRELATED:
+        span = f" stay correlated over {memory_time:.0f} samples" if memory_time > CORRELATED else " are no white noise"
         result.append(
-            f"residuals stay correlated over {memory_time:.0f} samples: the model lacks something or its inputs are "
-            "filtered; intervals are widened for it"
+            f"residuals{span}: the model lacks something (diagnose.py says what), its inputs are filtered, or a lower "
+            "minimum was not found; intervals are widened for the correlation"
         )
     return tuple(result)
 

@@ -7,16 +7,18 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .advice import advise, correlation_time, invert, untold, widening
+from .advice import advise, correlation_time, invert, lowest, untold, widening
 from .explore import information_of
 from .problem import Problem
-from .result import AT_BOUND, CONVERGED, FAILED, NO_EXCITATION, STOPPED, UNIDENTIFIED, Estimate, interval
+from .profile import profiled
+from .result import AT_BOUND, CONVERGED, FAILED, NO_EXCITATION, STOPPED, UNEXPLAINED, UNIDENTIFIED, Estimate, interval
 from .solve import Solution, State, reduced
 from .space import Space
 from .trial import TrialModel
 
 RISE = 1.920729  # half the 95 % quantile of chi-squared with one degree of freedom
 BUDGET = "budget"  # why a search ended that ran out of simulations
+SHARP = 0.25  # standard error over the value (of mu_s: its excess over mu_c), beyond which a likelihood is no parabola
 WIDEST = 4.0  # factor by which a standard error grows at most for what its neighbours tell
 
 
@@ -60,13 +62,17 @@ def finish(
     estimator: str = "maximum_likelihood",
     minima: Sequence[Solution] = (),
     beside: Sequence[State] = (),
+    profiles: bool = True,
+    white: bool = True,
 ) -> Estimate:
     """Assemble the estimate from where the search ended.
 
     ``minima`` are what ``explore`` found, ``beside`` points where the data may tell less: both widen the intervals.
+    These are those of the data alone, without the prior: from the likelihood's curvature where a parameter is told to
+    ``SHARP`` of itself, else from its profile, to one side or to both.
     """
     state, space = solution.state, problem.space
-    information = information_of(minima or [solution], state)
+    information = information_of(minima or [solution], state) - problem.prior.information
     low, high = space.limits
     width = np.where(np.isfinite(high - low), np.maximum(high - low, 1e-12), 1.0)
     at = (state.u - low < 1e-4 * width) | (high - state.u < 1e-4 * width)
@@ -79,7 +85,7 @@ def finish(
     mask = untold(space, state.u, information / factor) & ~at & (solution.reason != BUDGET)  # there: where it got
     covariance = covariance_of(space, state.u, information, mask, at) * factor
     covariance = _widened(space, state.u, covariance, beside, factor)
-    p = np.where(mask, np.nan, space.to_values(state.u))
+    p = space.to_values(state.u)
     ends = at & at_limits(problem, p)
     errors = np.sqrt(np.diag(covariance))
     positive = space.scales == 0
@@ -91,11 +97,22 @@ def finish(
     rough = [name for name in problem.channels.input_names if problem.joint and name in sigmas and name not in smooth]
     ci95 = {n: interval(p[i], errors[i], bool(positive[i])) for i, n in enumerate(space.names)}
     ci95 |= {n: one_sided(state, space, space.names.index(n), factor) for n in limits}
+    evaluate = problem.evaluator(models, sigmas, prior=False)
+    for i, name in enumerate(space.names):
+        blunt = positive[i] and name not in limits and not errors[i] < SHARP * _own(space, state.u)[i]
+        if profiles and blunt and (slides or not at[i]):
+            ci95[name] = profiled(problem, evaluate, state, name, factor=factor, iterations=6).ci95
+    at_bound = {name: value for name, value in at_bound.items() if name in problem.bounded}
+    told = {n: ends for n, ends in ci95.items() if positive[space.names.index(n)] and n not in at_bound}
     outcome = CONVERGED if solution.reason in ("converged", "stuck") else STOPPED
-    outcome = AT_BOUND if at_bound else UNIDENTIFIED if mask.any() else outcome
+    open_ended = [n for n, ends in told.items() if not (np.isfinite(ends[1]) and ends[0] > lowest(space, p, n))]
+    outcome = outcome if white else UNEXPLAINED
+    outcome = AT_BOUND if at_bound else UNIDENTIFIED if mask.any() or open_ended else outcome
     outcome = NO_EXCITATION if not slides or mask.all() else outcome
     memory_time = max(correlation_time(columns) for columns in rows.values())
-    advice = advise(problem.mechanism, space, p, covariance, mask, at_bound, limits, rough, fastest, memory_time)
+    advice = advise(
+        problem.mechanism, space, p, covariance, mask, at_bound, limits, rough, fastest, memory_time, told, white
+    )
     details = {"state": state, "models": tuple(models), "iterations": solution.iterations, "reason": solution.reason,
                "minima": tuple(minima)}  # fmt: skip
     return Estimate(
@@ -105,6 +122,12 @@ def finish(
         {model.trial: piece.residuals for model, piece in zip(models, state.pieces, strict=True)},
         details | {"values": space.to_values(state.u).tolist()},
     )  # fmt: skip
+
+
+def _own(space: Space, u: np.ndarray) -> np.ndarray:
+    """What each parameter is told beside: itself, or its excess over the one that it must exceed, shape (n,)."""
+    p = space.to_values(u)
+    return np.array([p[i] - (p[lower] if lower >= 0 else 0.0) for i, lower in enumerate(space.below)])
 
 
 def at_limits(problem: Problem, p: np.ndarray) -> np.ndarray:

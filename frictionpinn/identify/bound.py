@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -112,9 +113,10 @@ def bound_of(problem: Problem, values: Mapping[str, float]) -> Bound:
                             fix="give the value at which to plan, or hold it: fixed={name: value}")  # fmt: skip
     p = np.array([float(values[name]) for name in problem.names])
     space = replace(problem.space, low=np.minimum(problem.space.low, p), high=np.maximum(problem.space.high, p))
-    problem.space, u = space, space.to_search(p)
-    models = with_bristle(problem, u)
-    state = problem.evaluate(models, u, [model.local[: model.size(problem.joint)] for model in models], True)
+    own, u = copy(problem), space.to_search(p)
+    own.space = space
+    models = with_bristle(own, u)
+    state = own.evaluate(models, u, [model.local[: model.size(own.joint)] for model in models], True, prior=False)
     if state is None:
         raise UserError("the mechanism cannot be simulated at these values", where="values", received=dict(values))
     return _bound(space, u, reduced(state)[0])

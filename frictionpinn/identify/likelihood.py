@@ -25,17 +25,21 @@ from ..errors import UserError
 from ..numerics.simulate import ContactLost, SimulationFailed
 from ..physics.mechanism import Mechanism
 from .assemble import estimated_sigmas, failed, finish
-from .explore import ENOUGH, explore, neighbours, returned
+from .explore import ENOUGH, NEAR, explore, neighbours, returned
 from .problem import Problem
 from .result import Estimate
 from .solve import Evaluate, Solution, State, levenberg_marquardt
 from .start import coarse_design, ridge_grid, search
 from .trial import TrialModel
+from .whiteness import SIGNIFICANCE, whiteness
 
 MOST_WINDOWS = 80  # that the search for a start simulates
 RIVAL = 15.0  # log-likelihood: a start that is worse by more is not tried on the whole trials
 ELSEWHERE = 0.1  # in log u: starts that are closer are the same
-ROUGH = {"rtol": 1e-4, "atol": 1e-5}  # tolerances over windows: errors of 1e-5 m/s are far below any noise
+ROUGH: dict[str, Any] = {
+    "rtol": 1e-4,
+    "atol": 1e-5,
+}  # tolerances over windows: errors of 1e-5 m/s are far below any noise
 REACH = 2.0  # times the largest friction force: how far from zero the initial bristle force may be
 MISFIT = 20.0  # times the noise by differences: residuals over windows that are larger set the level
 GIVEN = "as given"  # a start that is fitted even where it looks poor over windows
@@ -55,19 +59,6 @@ def windows_of(problem: Problem) -> tuple[TrialModel, ...]:
         chosen = np.random.default_rng(0).choice(len(windows), MOST_WINDOWS, replace=False)
         windows = [windows[k] for k in sorted(chosen)]
     return tuple(windows)
-
-
-def _evaluator(
-    problem: Problem,
-    models: Sequence[TrialModel],
-    joint: bool,
-    sigmas: Mapping[str, float] | None = None,
-    width: float = 0.0,
-) -> Evaluate:
-    def evaluate(u, locals_, derivatives, **options):
-        return problem.evaluate(models, u, locals_, derivatives, joint=joint, sigmas=sigmas, width=width, **options)
-
-    return evaluate
 
 
 def resolutions(problem: Problem) -> list[float]:
@@ -100,7 +91,7 @@ def coarse_to_fine(
     """
     found, state = None, first
     for width in resolutions(problem) if widths is None else widths:
-        evaluate = _evaluator(problem, models, problem.joint, sigmas, width)
+        evaluate = problem.evaluator(models, sigmas, width=width)
         begun = evaluate(state.u, state.locals, True)
         if begun is None:
             return found
@@ -110,16 +101,17 @@ def coarse_to_fine(
     return found
 
 
-def find_start(problem: Problem, given: Mapping[str, float] | None = None, asis: bool = True) -> list[Solution]:
+def find_start(
+    problem: Problem, given: Mapping[str, float] | None = None, asis: bool = True, width: float | None = None
+) -> list[Solution]:
     """Fits over short windows to start whole trials from, best first; ``given`` is tried beside the search's, refined
-    and, with ``asis``, as it is."""
+    and, with ``asis``, as it is. ``width`` is the resolution in time, s; by default the coarsest."""
     windows = windows_of(problem)
     locals_ = [model.local for model in windows]
-    space, width = problem.space, resolutions(problem)[0]
+    space, width = problem.space, resolutions(problem)[0] if width is None else width
 
     def evaluator(which: Sequence[int]) -> Evaluate:
-        full = _evaluator(problem, [windows[k] for k in which], False, width=width)
-        return lambda u, locals_, derivatives, **options: full(u, locals_, derivatives, **(ROUGH | options))
+        return problem.evaluator([windows[k] for k in which], joint=False, width=width, **ROUGH)
 
     own = []
     if given is not None:
@@ -176,26 +168,57 @@ def _alike(start: State, other: State) -> bool:
 def _whole(
     problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, float], known: Found | None
 ) -> Found | None:
-    """Fit the whole trials from the best start, and from the others that are about as good but elsewhere."""
-    best = known
-    tried: list[Solution] = []
-    rival = RIVAL if problem.mechanism.memory else np.inf  # jumps at a sample more or less: windows rank poorly
+    """Fit the whole trials from the starts at the coarsest resolution, and from the best of these down to the sample.
+
+    Another is followed, too, where it is about as good there but elsewhere. ``known`` is returned where it is better.
+    """
+    widths, begun = resolutions(problem), []
+    distinct: list[Solution] = []
     for start in starts:
-        poor = start.state.cost > starts[0].state.cost + rival and start.reason != GIVEN
-        if poor or any(_alike(start.state, other.state) for other in tried):
+        poor = start.state.cost > starts[0].state.cost + RIVAL and start.reason != GIVEN
+        if poor or any(_alike(start.state, other.state) for other in distinct):
             continue
-        tried.append(start)
+        distinct.append(start)
         try:
             models = with_bristle(problem, start.state.u)
         except (ContactLost, SimulationFailed):
             continue
         locals_ = tuple(model.local[: model.size(problem.joint)] for model in models)
-        found = coarse_to_fine(problem, models, State(start.state.u, locals_, ()), sigmas)
-        if found is None:
+        found = coarse_to_fine(problem, models, State(start.state.u, locals_, ()), sigmas, widths[:1])
+        if found is not None:
+            begun.append((found, models))
+    begun.sort(key=lambda pair: pair[0].state.cost)
+    best = known
+    for k, (coarse, models) in enumerate(begun):
+        first = begun[0][0].state
+        if k and (coarse.state.cost > first.cost + NEAR or _alike(coarse.state, first)):
             continue
+        found = coarse_to_fine(problem, models, coarse.state, sigmas, widths[1:]) or coarse
         if best is None or found.state.cost < best[0].state.cost:
             best = found, models
     return best
+
+
+def explained(problem: Problem, state: State) -> bool:
+    """Whether a fit leaves nothing but noise."""
+    rows = {name: [piece.residuals[name] for piece in state.pieces] for name in problem.channels.outputs}
+    interval = min(float(np.median(np.diff(model.t))) for model in problem.trials)
+    return whiteness(rows, round(resolutions(problem)[0] / interval)) > SIGNIFICANCE
+
+
+def _ringing(problem: Problem, sigmas: Mapping[str, float], best: Found) -> Found:
+    """The fit or a lower one from a search at the single sample: a coarser resolution does not show how fast a contact
+    rings, and so not its stiffness where that is all that tells it."""
+    starts = find_start(problem, width=0.0)
+    if not starts:
+        return best
+    try:
+        models = with_bristle(problem, starts[0].state.u)
+    except (ContactLost, SimulationFailed):
+        return best
+    locals_ = tuple(model.local[: model.size(problem.joint)] for model in models)
+    found = coarse_to_fine(problem, models, State(starts[0].state.u, locals_, ()), sigmas, [0.0])
+    return (found, models) if found is not None and found.state.cost < best[0].state.cost else best
 
 
 def maximum_likelihood(
@@ -243,20 +266,22 @@ def maximum_likelihood(
     best = _whole(problem, starts, sigmas, known)
     if best is None:
         return failed(problem, began, before)
+    if thorough and not explained(problem, best[0].state):
+        best = _ringing(problem, sigmas, best)
     solution, models = best
     minima = [solution]
     if thorough:
-        minima = explore(_evaluator(problem, models, problem.joint, sigmas), solution, problem.space.limits)
+        minima = explore(problem.evaluator(models, sigmas), solution, problem.space.limits)
         solution = minima[0]
     estimated = len(problem.given) < len(problem.sigmas)
     if not estimated:
-        evaluate = _evaluator(problem, models, problem.joint, sigmas)
+        evaluate = problem.evaluator(models, sigmas)
         solution = levenberg_marquardt(evaluate, solution.state, problem.space.limits, iterations=20)
     for left in reversed(range(NOISE_ROUNDS if estimated else 0)):
         new = estimated_sigmas(problem, models, solution.state)
         change = max(abs(np.log(new[name] / sigmas[name])) for name in new)
         sigmas = new
-        evaluate = _evaluator(problem, models, problem.joint, sigmas)
+        evaluate = problem.evaluator(models, sigmas)
         first = evaluate(solution.state.u, solution.state.locals, True)
         if first is None:
             break
@@ -267,8 +292,9 @@ def maximum_likelihood(
             break
     beside: list[State] = []
     if len(minima) > 1:
-        evaluate = _evaluator(problem, models, problem.joint, sigmas)
+        evaluate = problem.evaluator(models, sigmas)
         beside = neighbours(evaluate, solution.state, problem.space.limits)
     spent = time.perf_counter() - began, problem.simulations - before
-    found = finish(problem, models, solution, sigmas, *spent, minima=minima, beside=beside)
+    white = explained(problem, solution.state)
+    found = finish(problem, models, solution, sigmas, *spent, minima=minima, beside=beside, white=white)
     return replace(found, details=found.details | {"starts": tuple(starts)})

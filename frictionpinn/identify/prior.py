@@ -29,23 +29,27 @@ class Prior:
         rows: A, shape (n, n_u).
         target: b, shape (n,).
         about: what is expected, by parameter, in words.
+        start: value where v_s is expected, by name.
     """
 
     rows: np.ndarray
     target: np.ndarray
     about: dict[str, str]
+    start: Mapping[str, float]
 
     @classmethod
     def of(cls, space: Space, start: Mapping[str, float], fixed: Mapping[str, float]) -> Prior:
         """The prior of those of the two that are free in the space; v_s is expected where it starts."""
-        rows, target, about = [], [], {}
+        rows: list[np.ndarray] = []
+        target: list[float] = []
+        about: dict[str, str] = {}
         for name, spread in SPREADS.items():
             if name not in space.names:
                 continue
             i = space.names.index(name)
             row, lower = np.zeros(len(space.names)), space.below[i]
             row[i] = 1.0
-            expected = start[name]
+            expected = float(start[name])
             if name == "mu_s" and lower >= 0:
                 row[lower], value = -1.0, np.log(EXCESS)
                 about[name] = f"{1 + EXCESS:g} mu_c, its excess over mu_c within a factor of {np.exp(2 * spread):.2g}"
@@ -55,7 +59,12 @@ class Prior:
                 about[name] = f"{expected:.2g}, within a factor of {np.exp(2 * spread):.2g}"
             rows.append(row / spread)
             target.append(value / spread)
-        return cls(np.array(rows).reshape(len(rows), len(space.names)), np.array(target), about)
+        return cls(
+            np.array(rows).reshape(len(rows), len(space.names)),
+            np.array(target),
+            about,
+            {n: start[n] for n in SPREADS if n in start},
+        )
 
     @property
     def information(self) -> np.ndarray:

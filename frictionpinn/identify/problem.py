@@ -16,7 +16,7 @@ from .loss import LOSSES, choose_loss
 from .motion import smoothed
 from .parallel import in_parallel
 from .prior import Prior
-from .solve import State
+from .solve import Evaluate, State
 from .space import Space, check_fixed, check_names
 from .start import data_start, default_bounds
 from .trial import Piece, TrialModel
@@ -86,6 +86,7 @@ class Problem:
         self.motions = smoothed(mechanism, self.trials, self.sigmas)
         scales = data_start(mechanism, self.motions, self.fixed, names)
         self.scales = scales
+        self.bounded = frozenset(name for name, pair in (bounds or {}).items() if pair is not None)
         table = {par.name: par for par in mechanism.parameters}
         self.space = Space.build(
             mechanism,
@@ -116,6 +117,20 @@ class Problem:
         """All parameters by name, SI units, at the search vector u."""
         return self.fixed | dict(zip(self.names, self.space.to_values(u).tolist(), strict=True))
 
+    def evaluator(
+        self,
+        models: Sequence[TrialModel],
+        sigmas: Mapping[str, float] | None = None,
+        joint: bool | None = None,
+        **given,
+    ) -> Evaluate:
+        """:meth:`evaluate` of these trials and noise levels, as searches call it; ``given`` are further options."""
+
+        def evaluate(u, locals_, derivatives, **options):
+            return self.evaluate(models, u, locals_, derivatives, joint=joint, sigmas=sigmas, **(given | options))
+
+        return evaluate
+
     def evaluate(
         self,
         models: Sequence[TrialModel],
@@ -127,12 +142,13 @@ class Problem:
         sigmas: Mapping[str, float] | None = None,
         ran: State | None = None,
         width: float = 0.0,
+        prior: bool = True,
         **options,
     ) -> State | None:
         """Cost at u and the local unknowns, all trials in parallel; None where one cannot be simulated.
 
         ``ran`` is the state there from ``strict`` simulations: with derivatives, nothing is simulated again. ``width``
-        is the resolution in time, s.
+        is the resolution in time, s; without ``prior`` the cost is that of the data alone.
         """
         loss = self.coarse_loss if width else self.loss
         p, joint = self.values(u), self.joint if joint is None else joint
@@ -157,6 +173,6 @@ class Problem:
         pieces = tuple(part for part in found if part is not None)
         if len(pieces) < len(models) or not all(np.isfinite(part.cost) for part in pieces):
             return None
-        if len(self.prior.target):
+        if prior:
             pieces = (self.prior.added(pieces[0], u), *pieces[1:])
         return State(np.asarray(u, float), tuple(locals_), pieces)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import UserError
 from .advice import invert
-from .likelihood import _evaluator
 from .problem import Problem
 from .result import Estimate
-from .solve import State, levenberg_marquardt, reduced
+from .solve import Evaluate, State, levenberg_marquardt, reduced
 
 THRESHOLD = 1.920729  # half the 95 % quantile of chi-squared with one degree of freedom
 FARTHEST = 12  # steps to either side
+LONGEST = 0.5  # in the search's logarithms: of a step; 12 of them reach a factor of 400
 
 
 @dataclass(frozen=True)
@@ -60,28 +61,55 @@ def profile(problem: Problem, estimate: Estimate, name: str, step: float = 0.7) 
         raise UserError(
             "no fit to start from", where="profile", received=estimate.outcome, allowed="maximum_likelihood"
         )
-    state, i = estimate.details["state"], problem.names.index(name)
-    evaluate = _evaluator(problem, estimate.details["models"], problem.joint, estimate.sigmas)
-    found = {state.u[i]: state.cost}
-    size = float(np.clip(step / np.sqrt(max(1e-12, _curvature(state, i))), 1e-4, 0.5))
+    evaluate = problem.evaluator(estimate.details["models"], estimate.sigmas, prior=False)
+    return profiled(problem, evaluate, estimate.details["state"], name, step=step)
+
+
+def profiled(
+    problem: Problem,
+    evaluate: Evaluate,
+    state: State,
+    name: str,
+    *,
+    factor: float = 1.0,
+    step: float = 0.7,
+    iterations: int = 15,
+) -> Profile:
+    """The profile of a parameter from a fit of these trials on.
+
+    Args:
+        problem: its parameters and their space.
+        evaluate: of the data alone, without the prior.
+        state: the fit, with derivatives.
+        name: parameter.
+        factor: on the rise that bounds the interval: more than 1 where residuals are correlated.
+        step: see :func:`profile`.
+        iterations: of the search at each value at most.
+    """
+    i = problem.names.index(name)
+    found = {state.u[i]: state.cost - problem.prior.cost(state.u)}
+    size = float(np.clip(step / np.sqrt(max(1e-12, _curvature(state, i))), 1e-4, LONGEST))
+    rise = THRESHOLD * factor
     for side in (-1.0, 1.0):
         current: State | None = state
         for k in range(1, FARTHEST + 1):
             low, high = (limit.copy() for limit in problem.space.limits)
-            target = state.u[i] + side * k * size
-            if current is None or not low[i] <= target <= high[i]:
+            target = float(np.clip(state.u[i] + side * k * size, low[i], high[i]))
+            if current is None or target in found:
                 break
             low[i] = high[i] = target
-            current = _conditional(evaluate, current, i, target, (low, high))
+            current = _conditional(evaluate, current, i, target, (low, high), iterations)
             if current is None:
                 break
             found[target] = current.cost
-            if current.cost - min(found.values()) > THRESHOLD:
+            if current.cost - min(found.values()) > rise:
                 break
     us = np.array(sorted(found))
-    rise = np.array([found[u] for u in us]) - min(found.values())
+    costs = np.array([found[u] for u in us]) - min(found.values())
     values = np.array([problem.space.to_values(np.where(np.arange(len(state.u)) == i, u, state.u))[i] for u in us])
-    return Profile(name, problem.mechanism.units[name], values, rise, _crossings(values, rise))
+    nothing = problem.space.to_values(np.where(np.arange(len(state.u)) == i, -700.0, state.u))[i]
+    open_low = -np.inf if problem.space.scales[i] else float(nothing)
+    return Profile(name, problem.mechanism.units[name], values, costs, _crossings(values, costs, rise, open_low))
 
 
 def _curvature(state: State, i: int) -> float:
@@ -89,7 +117,9 @@ def _curvature(state: State, i: int) -> float:
     return 1 / max(float(invert(S)[i, i]), 1e-300)
 
 
-def _conditional(evaluate, state: State, i: int, target: float, limits) -> State | None:
+def _conditional(
+    evaluate: Evaluate, state: State, i: int, target: float, limits: Sequence[np.ndarray], iterations: int
+) -> State | None:
     """The best fit with unknown i held, from the neighbouring one moved along its conditional optimum."""
     S, _, back = reduced(state)
     covariance = invert(S)
@@ -99,16 +129,17 @@ def _conditional(evaluate, state: State, i: int, target: float, limits) -> State
     first = evaluate(u, locals_, True)
     if first is None:
         return None
-    return levenberg_marquardt(evaluate, first, limits, iterations=15).state
+    return levenberg_marquardt(evaluate, first, (limits[0], limits[1]), iterations=iterations, decrease=0.05).state
 
 
-def _crossings(values: np.ndarray, rise: np.ndarray) -> tuple[float, float]:
+def _crossings(values: np.ndarray, rise: np.ndarray, limit: float, open_low: float) -> tuple[float, float]:
+    """Where the rise passes the limit to both sides of its least value; ``open_low`` or infinity where it does not."""
     best = int(np.argmin(rise))
-    low, high = -np.inf if values[0] < 0 else 0.0, np.inf
-    if best > 0 and rise[0] > THRESHOLD:
-        inside = int(np.flatnonzero(rise[:best] > THRESHOLD).max())
-        low = float(np.interp(THRESHOLD, rise[[inside + 1, inside]], values[[inside + 1, inside]]))
-    if best < len(rise) - 1 and rise[-1] > THRESHOLD:
-        inside = best + 1 + int(np.flatnonzero(rise[best + 1 :] > THRESHOLD).min())
-        high = float(np.interp(THRESHOLD, rise[[inside - 1, inside]], values[[inside - 1, inside]]))
+    low, high = open_low, np.inf
+    if best > 0 and rise[:best].max() > limit:
+        inside = int(np.flatnonzero(rise[:best] > limit).max())
+        low = float(np.interp(limit, rise[[inside + 1, inside]], values[[inside + 1, inside]]))
+    if best < len(rise) - 1 and rise[best + 1 :].max() > limit:
+        inside = best + 1 + int(np.flatnonzero(rise[best + 1 :] > limit).min())
+        high = float(np.interp(limit, rise[[inside - 1, inside]], values[[inside - 1, inside]]))
     return low, high

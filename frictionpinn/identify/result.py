@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-CONVERGED, AT_BOUND, UNIDENTIFIED, NO_EXCITATION, STOPPED, FAILED = (
-    "converged", "at a bound", "not identified", "no excitation", "stopped early", "failed",
+CONVERGED, AT_BOUND, UNIDENTIFIED, NO_EXCITATION, UNEXPLAINED, STOPPED, FAILED = (
+    "converged", "at a bound", "not identified", "no excitation", "not explained", "stopped early", "failed",
 )  # fmt: skip
 
 
@@ -21,11 +21,13 @@ class Estimate:
     Attributes:
         estimator: "maximum_likelihood", "nelder_mead", ...
         names: free parameters, in the mechanism's order.
-        values: name -> estimate, SI units; NaN for a parameter that the data do not tell.
+        values: name -> estimate, SI units; NaN only where the estimation failed.
         units: name -> SI unit.
         covariance: of the estimates, SI units, shape (n, n); NaN rows where there is none.
-        ci95: name -> 95 % interval; that of a positive parameter is symmetric in its logarithm.
-        outcome: "converged", "at a bound", "not identified", "no excitation", "stopped early" or "failed".
+        ci95: name -> 95 % interval of the data alone; that of a positive parameter is symmetric in its logarithm, or
+            where it is told poorly that of its profile: from 0 or to infinity where the data do not bound it.
+        outcome: "converged", "at a bound", "not identified", "no excitation", "not explained" (the residuals are no
+            noise: the model lacks something, or a lower minimum was not found), "stopped early" or "failed".
         advice: sentences on what to do about it.
         cost: negative log-likelihood at the estimate without its constant: half the weighted sum of squares.
         n_simulations: simulations of the whole recording.

@@ -167,7 +167,7 @@ def search(
         return replace(failed(problem, objective.began, before), estimator=method)
     solution = Solution(state, len(objective.trace), objective.count, "converged" if done else BUDGET)
     count = problem.simulations - before
-    estimate = finish(problem, objective.models, solution, dict(problem.sigmas), seconds, count, method)
+    estimate = finish(problem, objective.models, solution, dict(problem.sigmas), seconds, count, method, profiles=False)
     details = {**estimate.details, "trace": objective.trace, "path": objective.path}
     outcome = estimate.outcome if done else STOPPED
     return replace(estimate, details=details, outcome=outcome)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..numerics.paths import Directions, InputPath
 from ..numerics.simulate import Simulation, Simulator
-from .gram import gram
+from .gram import combined, gram
 from .inputs import PathBasis
 from .loss import Loss
 from .resolution import averaged, samples_within
@@ -119,7 +119,7 @@ class TrialModel:
             return self.base
         coefficients, first = self.base.coefficients.copy(), len(self.states)
         for item, values in self._split(local, first):
-            coefficients[:, list(item.columns)] = np.tensordot(values, item.basis.pieces, 1)
+            coefficients[:, list(item.columns)] = combined(values, item.basis.pieces)
         return self.base.through(coefficients)
 
     def _split(self, local: np.ndarray, first: int):

@@ -95,10 +95,12 @@ def test_outliers_hardly_move_the_robust_estimate():
     assert abs(robust.values["mu_c"] - truth["mu_c"]) < 5 * robust.std["mu_c"]
 
 
-def test_what_never_slides_is_named_and_not_returned():
+def test_what_never_slides_is_named_and_its_interval_is_open():
     mechanism, _, _, noisy, _ = case("pob", "lugre", (0,))
     estimate = maximum_likelihood(mechanism, noisy)
-    hidden = [name for name, value in estimate.values.items() if np.isnan(value)]
+    assert np.isfinite(list(estimate.values.values())).all()
+    assert not np.isnan(list(estimate.ci95.values())).any()
+    hidden = [name for name, (_, high) in estimate.ci95.items() if np.isinf(high)]
     assert hidden
     assert estimate.outcome in ("not identified", "no excitation", "at a bound")
     for name in hidden:
