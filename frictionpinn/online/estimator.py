@@ -12,6 +12,7 @@ from ..data.recording import Recording, Trial
 from ..errors import UserError, nearest
 from ..numerics.bristle import resting_states, steady_bristle
 from ..numerics.codegen import Kernels, pointer
+from ..numerics.session import ALONE, Session
 from ..numerics.tableau import METHOD
 from ..physics.mechanism import Mechanism
 from .check import check_adapt, check_sensors, finite, parameter_vector
@@ -114,10 +115,7 @@ class OnlineEstimator:
         """
         tuning = tuning or tune(mechanism, recording, sigmas)
         most = MOST // len(recording.trials)
-        parts = [
-            Trial(trial.name, trial.t[:most], {name: values[:most] for name, values in trial.signals.items()})
-            for trial in recording.trials
-        ]
+        parts = [trial.part(slice(most)) for trial in recording.trials]
         told = {share: cls(mechanism, parameters, tuning, share=share).log_likelihood(parts) for share in SHARES}
         return cls(mechanism, parameters, tuning, adapt, max(told, key=told.__getitem__), covariance)
 
@@ -151,17 +149,21 @@ class OnlineEstimator:
             pointer(self.kernels.plain.newton), pointer(self.kernels.plain.outputs), METHOD.a, METHOD.c, METHOD.error,
             min(METHOD.order, METHOD.order_embedded) + 1, np.array(chains, dtype=np.int64).reshape(-1, 4),
             np.array([(place, 1) for place in places], dtype=np.int64).reshape(-1, 2), self._p,
-            (m, n_s, n_w, n_u, mechanism.timed), atol, RTOL, 1.0,
+            (m, n_s, n_w, n_u), ALONE.lines(mechanism.clocks), atol, RTOL, 1.0,
         )  # fmt: skip
 
     def reset(self) -> None:
         """Forget all samples; parameters that adapt return to their first values."""
         self._time: float | None = None
+        self._place(ALONE)
         self._X, self._P = np.zeros(self._size), np.zeros((self._size, self._size))
         for i, name in enumerate(self.adapt):
             self._X[self._size - len(self.adapt) + i] = np.log(self._p[self.names.index(name)])
         first = self._size - len(self.adapt)
         self._P[first:, first:] = self.covariance
+
+    def _place(self, session: Session) -> None:
+        self._equations = self._equations._replace(clocks=session.lines(self.mechanism.clocks))
 
     def _start(self, y: np.ndarray) -> None:
         """State before the first sample: what it shows, and a wide guess at what it does not."""
@@ -203,7 +205,8 @@ class OnlineEstimator:
         """Take in one sample and return the friction force at that instant.
 
         Args:
-            t: time, s, after that of the previous sample; intervals need not be equal.
+            t: time, s, after that of the previous sample; intervals need not be equal. Effects that depend on the
+                session take it as the session's.
             signals: any of ``self.signals``, SI units; what is missing or NaN is taken as not measured.
 
         Raises:
@@ -252,6 +255,7 @@ class OnlineEstimator:
             ``log_likelihood`` of the innovations, shape ().
         """
         self.reset()
+        self._place(trial.session)
         Y = np.full((len(trial.t), len(self.signals)), np.nan)
         for k, name in enumerate(self.signals):
             if name in trial.signals:

@@ -131,7 +131,14 @@ def test_an_effect_is_consistent_in_its_units(name):
     for system, law in cases(name):
         mechanism = alone(name, system, law)
         force, slip = mechanism.system.force_unit, mechanism.system.slip_unit
-        units = mechanism.units | {"z": slip, "zdot": f"{slip}/s", "age": slip, "age_dot": f"{slip}/s", "t": "s"}
+        units = mechanism.units | {
+            "z": slip,
+            "zdot": f"{slip}/s",
+            "age": slip,
+            "age_dot": f"{slip}/s",
+            "t": "s",
+            "t_session": "s",
+        }
         units |= {s.name: u for c in mechanism.system.moving for s, u in zip(c.symbols, c.units, strict=True)}
         units |= {item.symbol.name: item.unit for item in mechanism.system.inputs} | {FRICTION.name: force}
         values = random_values(mechanism, 0) | {FRICTION.name: 1.0}
