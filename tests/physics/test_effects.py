@@ -24,6 +24,7 @@ from short_paths import ALL
 from frictionpinn.data.units import registry
 from frictionpinn.errors import UserError
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS, Effect
+from frictionpinn.physics.base import TRIAL
 from frictionpinn.physics.mechanism import FRICTION, Mechanism
 from frictionpinn.physics.scan import SCALES, Scan, data_scales
 
@@ -34,7 +35,7 @@ CONF = Path(__file__).resolve().parents[2] / "conf" / "effect"
 
 
 def test_the_effects_are_those_that_reports_may_name():
-    assert len(EFFECTS) == 26
+    assert len(EFFECTS) == 27
     assert all(kind.name == name and issubclass(kind, Effect) for name, kind in EFFECTS.items())
 
 
@@ -92,6 +93,8 @@ def test_derivatives_at_neutral_values_are_finite_and_not_zero(name):
         mechanism = alone(name, system, law)
         values = {"presliding": 1.0} if name == "backlash" else {}  # a gap shows only where a bristle carries force
         for strength in strengths(mechanism, name):
+            if name == "trial_level":
+                values["trial"] = int(strength.rpartition("_")[2])
             symbol = getattr(mechanism.p, strength)
             expressions = (*mechanism.residuals, mechanism.friction, *mechanism.outputs.values())
             slopes = [sp.diff(expr, symbol) for expr in expressions]
@@ -131,14 +134,8 @@ def test_an_effect_is_consistent_in_its_units(name):
     for system, law in cases(name):
         mechanism = alone(name, system, law)
         force, slip = mechanism.system.force_unit, mechanism.system.slip_unit
-        units = mechanism.units | {
-            "z": slip,
-            "zdot": f"{slip}/s",
-            "age": slip,
-            "age_dot": f"{slip}/s",
-            "t": "s",
-            "t_session": "s",
-        }
+        units = mechanism.units | {"z": slip, "zdot": f"{slip}/s", "age": slip, "age_dot": f"{slip}/s"}
+        units |= {"t": "s", "t_session": "s"}
         units |= {s.name: u for c in mechanism.system.moving for s, u in zip(c.symbols, c.units, strict=True)}
         units |= {item.symbol.name: item.unit for item in mechanism.system.inputs} | {FRICTION.name: force}
         values = random_values(mechanism, 0) | {FRICTION.name: 1.0}
@@ -148,7 +145,7 @@ def test_an_effect_is_consistent_in_its_units(name):
         wanted |= {expr: result[signal] for signal, expr in mechanism.outputs.items()}
         wanted |= dict.fromkeys(mechanism.residuals[len(mechanism.free) :], f"{slip}/s")
         for expr, unit in wanted.items():
-            expr = sp.sympify(expr)
+            expr = sp.sympify(expr).xreplace({TRIAL: sp.Integer(1)})
             symbols = sorted(expr.free_symbols, key=str)
             made = sp.lambdify(symbols, expr, "numpy")
             found = made(*(quantity(values[s.name], units[s.name]) for s in symbols))

@@ -67,3 +67,24 @@ def test_friction_that_rises_through_a_session_with_pauses_is_identified(windows
     low, high = estimate.ci95["drift"]
     assert low <= 0.004 <= high and high - low < 1e-3, estimate
     assert estimate.values["mu_c"] == pytest.approx(DRY["mu_c"], rel=0.02)
+
+
+# ---- levels of trials
+
+
+def test_a_level_acts_in_its_trial_alone():
+    plain, own = simulated("trial_level"), simulated("trial_level", Session(trial=3), trial_level_3=0.2)
+    np.testing.assert_allclose(own.v, simulated("trial_level", mu_c=1.2 * DRY["mu_c"]).v, atol=1e-9)
+    np.testing.assert_array_equal(simulated("trial_level", Session(trial=2), trial_level_3=0.2).v, plain.v)
+    beyond = simulated("trial_level", Session(trial=11), **{f"trial_level_{k}": 0.2 for k in range(1, 11)})
+    np.testing.assert_array_equal(beyond.v, plain.v)
+
+
+def test_any_level_of_every_trial_but_one_is_identified():
+    levels = {"trial_level_2": 0.15, "trial_level_3": -0.1, "trial_level_4": 0.02}
+    truth, made = DRY | levels, mechanism("trial_level")
+    clean = simulate_recording(made.system, "coulomb_viscous", truth, PUSHES, 200.0, ("trial_level",))
+    estimate = maximum_likelihood(made, GaussianNoise(0.02)(clean, 0), free=tuple(truth))
+    for name, value in levels.items():
+        low, high = estimate.ci95[name]
+        assert low <= value <= high and high - low < 0.02, estimate

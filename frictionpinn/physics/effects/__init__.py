@@ -35,6 +35,7 @@ from .sensor_scale import SensorScale
 from .spring_force import SpringForce
 from .stribeck import StribeckEffect
 from .stribeck_shape import StribeckShape
+from .trial_level import TrialLevel
 from .vibration import Vibration
 from .viscous import Viscous
 
@@ -50,6 +51,7 @@ EFFECTS: dict[str, type[Effect]] = {
         PositionFriction,
         Ripple,
         Drift,
+        TrialLevel,
         Dwell,
         Presliding,
         Backlash,
