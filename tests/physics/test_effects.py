@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import sympy as sp
-import yaml
 from effect_cases import (
     alone,
     cases,
@@ -27,9 +24,6 @@ from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS, Effect
 from frictionpinn.physics.base import TRIAL
 from frictionpinn.physics.mechanism import FRICTION, Mechanism
 from frictionpinn.physics.scan import SCALES, Scan, data_scales
-
-CONF = Path(__file__).resolve().parents[2] / "conf" / "effect"
-
 
 # ---- what an effect says of itself
 
@@ -152,21 +146,7 @@ def test_an_effect_is_consistent_in_its_units(name):
             assert found.is_compatible_with(quantity(1.0, unit)), expr
 
 
-# ---- configuration
-
-
-@every_effect
-def test_the_configuration_holds_the_scans_of_the_effect(name):
-    spec = yaml.safe_load((CONF / f"{name}.yaml").read_text())
-    assert spec.pop("name") == name and set(spec) == {"scan"}
-    effect = EFFECTS[name](**spec)
-    used = set()
-    for system, law in cases(name):
-        base = plain(system, law)
-        given = effect.parameters_on(base.system, base.law)
-        assert given == EFFECTS[name]().parameters_on(base.system, base.law)
-        used |= {key for key in effect.scan for par in given if par.name.startswith(key)}
-    assert used == set(effect.scan)
+# ---- scans
 
 
 def test_scans_cover_the_data():
@@ -176,8 +156,8 @@ def test_scans_cover_the_data():
     places = Scan("place", 0.0, 1.0, 3, "linear").values(scales)
     np.testing.assert_allclose(places, [-0.1, 0.1, 0.3], atol=1e-3)
     np.testing.assert_allclose(Scan("interval", 1, 10, 2).values(scales), [0.01, 0.1])
-    with pytest.raises(UserError, match="not a scan"):
-        EFFECTS["ripple"](scan={"ripple_wavelength": {"of": "strok", "low": 1, "high": 2, "count": 3}})
+    for name, of in ((par.name, par.scan.of) for pair in ALL for par in everything(*pair).parameters if par.scan):
+        assert of in SCALES, name
 
 
 @pytest.mark.parametrize(

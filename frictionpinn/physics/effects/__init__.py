@@ -1,4 +1,4 @@
-"""The effects. A new effect is one file, one YAML in conf/effect and one line here.
+"""The effects. A new effect is one file and one line here.
 
 Their order is that in which they act: what changes the load before what scales it, the mechanism before its sensors.
 """
