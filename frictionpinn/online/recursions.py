@@ -201,7 +201,8 @@ def correct(eq, X, P, y, R, rows, now):
         y, R, rows: signals (NaN: missing), variances of their noise, and what each shows (kind, index).
 
     Returns:
-        log-likelihood, friction force and its variance.
+        log-likelihood, friction force and its variance, and the normalised innovation squared (chi-squared where
+        model and noise levels are right) with its degrees of freedom.
     """
     n, count = X.shape[0], y.shape[0]
     L = root(P) * eq.spread
@@ -226,7 +227,7 @@ def correct(eq, X, P, y, R, rows, now):
     used = np.flatnonzero(np.isfinite(y) & np.isfinite(R) & np.isfinite(expected[:count]))
     force = slopes[count]
     if used.shape[0] == 0:
-        return 0.0, expected[count], force @ force
+        return 0.0, expected[count], force @ force, 0.0, 0
     D = slopes[used]
     S = D @ D.T
     for k in range(used.shape[0]):
@@ -239,11 +240,13 @@ def correct(eq, X, P, y, R, rows, now):
     P -= gain.T @ gain
     for i in range(n):
         P[i, i] = max(P[i, i], 0.0)
-    loglik = -0.5 * (white @ white)
+    loglik, freedom = -0.5 * (white @ white), 0
     for k in range(used.shape[0]):
         if C[k, k] > 0.0:
             loglik -= np.log(C[k, k]) + 0.5 * np.log(2 * np.pi)
-    return loglik, expected[count] + share * (own @ white), max(force @ force - own @ own, 0.0)
+            freedom += 1
+    variance = max(force @ force - own @ own, 0.0)
+    return loglik, expected[count] + share * (own @ white), variance, white @ white, freedom
 
 
 @njit(**OPTIONS)
@@ -266,13 +269,19 @@ def whiten(C, a, B, c):
 
 @njit(**OPTIONS)
 def run(eq, X, P, kicks, walks, densities, t, Y, R, rows):
-    """Filter a whole trial. Returns log-likelihood, force, its variance, shape (n,), and the states, shape (n, n_X)."""
+    """Filter a whole trial.
+
+    Returns:
+        log-likelihood; force, its variance, normalised innovation squared and its degrees of freedom, shape (n,); the
+        states, shape (n, n_X).
+    """
     n = t.shape[0]
+    squares, freedoms = np.empty(n), np.empty(n, np.int64)
     total, forces, variances, states = 0.0, np.empty(n), np.empty(n), np.empty((n, X.shape[0]))
     for k in range(n):
         if k > 0:
             predict(eq, X, P, kicks, walks, densities, t[k - 1], t[k] - t[k - 1])
-        loglik, forces[k], variances[k] = correct(eq, X, P, Y[k], R, rows, t[k])
+        loglik, forces[k], variances[k], squares[k], freedoms[k] = correct(eq, X, P, Y[k], R, rows, t[k])
         total += loglik
         states[k] = X
-    return total, forces, variances, states
+    return total, forces, variances, squares, freedoms, states
