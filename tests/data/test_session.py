@@ -113,6 +113,12 @@ def test_a_column_tells_when_trials_began_counted_from_the_first(tmp_path):
     assert set(recording.units) == {"x"} and set(recording.trials[0].signals) == {"x"}
 
 
+def test_trials_may_be_sessions_of_their_own(tmp_path):
+    write(tmp_path, "a.csv", T)
+    write(tmp_path, "b.csv", T)
+    assert starts(read(tmp_path, start=0)) == [0.0, 0.0]
+
+
 def test_a_trial_without_a_start_is_named(tmp_path):
     write(tmp_path, "a.csv", T, began=np.where(T > 0, 1.0, np.nan))
     with pytest.raises(UserError, match=r"missing value: .*trial 'a'.*start") as caught:
