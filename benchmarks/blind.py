@@ -127,7 +127,8 @@ def share_of(effect: Effect | str, values: dict[str, float]) -> float:
     for trial in clean.trials:
         known = {s: trial.signals[n] for c in SYSTEM.moving for s, n in zip(c.symbols, c.signals, strict=True)}
         names = {CONTACT.z: "z", CONTACT.zdot: "z_rate", CONTACT.N: "normal_force", CONTACT.v: "v_slip"}
-        known |= {symbol: trial.truth[name] for symbol, name in names.items()} | {made.time: trial.t}
+        known |= {symbol: trial.truth[name] for symbol, name in names.items()}
+        known |= {CONTACT.t: trial.t, CONTACT.session: trial.t + trial.session.offset}
         numbers = {par.symbol: values.get(par.name, TRUTH.get(par.name, par.value)) for par in made.parameters}
         numbers |= {par.symbol: SYSTEM.values[par.name] for par in SYSTEM.parameters}
         load = _evaluate(seen.N / CONTACT.N - 1, made, known, numbers)

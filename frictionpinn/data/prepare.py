@@ -187,7 +187,8 @@ def prepare_trial(
 def _mapped(trial: Trial, t: np.ndarray, function: Callable[[np.ndarray], np.ndarray]) -> Trial:
     signals = {name: function(values) for name, values in trial.signals.items()}
     truth = {name: function(values) for name, values in trial.truth.items()}
-    return replace(trial, t=t, signals=signals, truth=truth)
+    start = None if trial.start is None else trial.start + float(t[0] - trial.t[0])
+    return replace(trial, t=t, signals=signals, truth=truth, start=start)
 
 
 def _check_length(values: np.ndarray, least: int) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import glob
 import hashlib
 import os
+import re
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from frictionpinn.data.units import DIMENSIONLESS, to_si
 from frictionpinn.errors import UserError, nearest
 
 Paths = str | os.PathLike | Iterable[str | os.PathLike]
+_CLOCKS = ("t", "start")
 
 
 def read_recording(
@@ -40,7 +43,8 @@ def read_recording(
             .mat (all versions), .npz. Without ``trial_column`` each file is one trial, named by its stem.
         columns: signal name -> column or variable of the file; ``"t"`` is required. ``"var[0]"`` is a row and
             ``"var[:, 0]"`` a column of a two-dimensional variable, counted from 0. A number stands for a signal
-            that has this value throughout.
+            that has this value throughout. ``"start"`` is no signal: its value in the first row of a trial is when in
+            the session that began (see :class:`Recording` for recordings without it).
         units: signal name -> unit of its column ("mm/s"); ``"default": "SI"`` covers the signals not named.
         signal_units: signal name -> SI unit that the signal wants; "" for dimensionless, which needs no unit.
         trial_column: column whose values name the trials.
@@ -67,10 +71,12 @@ def read_recording(
         table = load_table(file, delimiter, decimal)
         trials += _trials(table, columns, units, signal_units, gains, trial_column)
     where = str(files[0]) if len(files) == 1 else f"{files[0]} and {len(files) - 1} more"
-    read = [name for name, column in columns.items() if name != "t" and isinstance(column, str)]
+    read = [name for name, column in columns.items() if name not in _CLOCKS and isinstance(column, str)]
+    if "start" in columns:
+        trials = _from_first(trials, where)
     recording = Recording(
         trials=tuple(trials),
-        units={name: signal_units[name] for name in columns if name != "t"},
+        units={name: signal_units[name] for name in columns if name not in _CLOCKS},
         source=", ".join(str(file) for file in files),
         checksum=digest.hexdigest(),
     )
@@ -79,7 +85,7 @@ def read_recording(
 
 
 def find_files(paths: Paths) -> list[Path]:
-    """Return the files that ``paths`` names, each once; folders and patterns in sorted order.
+    """Return the files that ``paths`` names, each once; of a folder or pattern as names and numbers count.
 
     Raises:
         UserError: a path that names no file; the message lists similar names that exist.
@@ -98,9 +104,9 @@ def _expand(path: Path) -> list[Path]:
     if path.is_file():
         return [path]
     if path.is_dir():
-        found = sorted(file for file in path.iterdir() if file.is_file() and ending(file))
+        found = sorted((file for file in path.iterdir() if file.is_file() and ending(file)), key=_counted)
     else:
-        found = [Path(name) for name in sorted(glob.glob(str(path), recursive=True)) if Path(name).is_file()]
+        found = sorted(filter(Path.is_file, map(Path, glob.glob(str(path), recursive=True))), key=_counted)
     if found:
         return found
     if path.is_dir() or glob.has_magic(str(path)):
@@ -126,6 +132,12 @@ def _expand(path: Path) -> list[Path]:
     )
 
 
+def _counted(path: Path) -> list[tuple[int, str]]:
+    """Sorting key by which lap_2 comes before lap_10."""
+    parts = re.split(r"(\d+)", str(path))
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+
+
 def _add_bytes(digest: Any, path: Path) -> None:
     try:
         with path.open("rb") as file:
@@ -143,7 +155,7 @@ def _check_mappings(
     signal_units: Mapping[str, str],
     gains: Mapping[str, float],
 ) -> None:
-    known = {*signal_units, "t"}
+    known = {*signal_units, *_CLOCKS}
     for option, names, valid in (
         ("columns", set(columns), known),
         ("units", set(units), {*known, "default"}),
@@ -190,21 +202,32 @@ def _trials(
     trial_column: str | None,
 ) -> list[Trial]:
     """Split one file into its trials, in SI units and checked."""
-    wanted = {"t": "s", **signal_units}
+    wanted = {**dict.fromkeys(_CLOCKS, "s"), **signal_units}
     labels = {name: str(column) for name, column in columns.items()}
     data: dict[str, np.ndarray] = {}
     for name in ["t", *(name for name in columns if name != "t")]:
         raw = _raw(table, name, columns[name], len(data["t"]) if data else None)
         unit = _unit(name, units, wanted[name])
         data[name] = to_si(raw * float(gains.get(name, 1.0)), unit, wanted[name], f"units.{name}")
-    t = data.pop("t")
+    t, starts = data.pop("t"), data.pop("start", None)
     split = "give trial_column, or split the file" if trial_column is None else f"check the values of '{trial_column}'"
     trials = []
     for label, rows in _groups(table, trial_column, len(t)):
-        trial = Trial(label, t[rows], {name: values[rows] for name, values in data.items()})
+        start = None if starts is None else float(starts[rows[0]])
+        trial = Trial(label, t[rows], {name: values[rows] for name, values in data.items()}, start=start)
         check_trial(trial, str(table.path), data, rows=rows + 1, columns=labels, split=split)
         trials.append(trial)
     return trials
+
+
+def _from_first(trials: list[Trial], where: str) -> list[Trial]:
+    """The trials with their starts counted from the first one's."""
+    starts = [float(trial.start or 0.0) for trial in trials]
+    for trial, start in zip(trials, starts, strict=True):
+        if not np.isfinite(start):
+            raise UserError("missing value", where=f"{where}, trial '{trial.name}', column of 'start'",
+                            received=f"{start}", allowed="when the trial began")  # fmt: skip
+    return [replace(trial, start=start - min(starts)) for trial, start in zip(trials, starts, strict=True)]
 
 
 def _raw(table: Table, name: str, column: str | float, length: int | None) -> np.ndarray:

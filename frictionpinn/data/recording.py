@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
+
+from ..numerics.session import Session
 
 
 @dataclass(frozen=True)
@@ -17,24 +20,58 @@ class Trial:
         t: time, s, shape (n,), strictly increasing, not necessarily uniform.
         signals: name -> array of shape (n,), SI units.
         truth: noise-free signals and forces of simulated data, for scoring alone; empty for measured data.
+        start: time of the session at the first sample, s; None: its recording tells, see :class:`Recording`.
+        number: place among the trials of the session, from 1; None: its recording tells.
     """
 
     name: str
     t: np.ndarray
     signals: dict[str, np.ndarray]
     truth: dict[str, np.ndarray] = field(default_factory=dict)
+    start: float | None = None
+    number: int | None = None
 
     def __len__(self) -> int:
         return len(self.t)
+
+    @property
+    def session(self) -> Session:
+        """Place in the session; alone it is a session of its own, whose time is that of the trial."""
+        offset = 0.0 if self.start is None else self.start - float(self.t[0])
+        return Session(offset, self.number or 1)
+
+    @property
+    def end(self) -> float | None:
+        """Time of the session at the last sample, s; None where ``start`` is."""
+        return self.start_at(-1)
+
+    def start_at(self, sample: int) -> float | None:
+        """Time of the session at a sample, s; None where ``start`` is."""
+        return None if self.start is None else self.start + float(self.t[sample] - self.t[0])
 
     def with_signals(self, **signals: np.ndarray) -> Trial:
         """Return a copy in which the given signals are added or replaced."""
         return replace(self, signals={**self.signals, **signals})
 
+    def part(self, samples: slice, name: str | None = None) -> Trial:
+        """Return some of the samples, at their place in the session, as a trial of the same or another name."""
+        return replace(
+            self,
+            name=self.name if name is None else name,
+            t=self.t[samples],
+            signals={key: values[samples] for key, values in self.signals.items()},
+            truth={key: values[samples] for key, values in self.truth.items()},
+            start=self.start_at(samples.indices(len(self))[0]),
+        )
+
 
 @dataclass(frozen=True)
 class Recording:
-    """Several trials of one mechanism.
+    """Several trials of one mechanism, recorded in one session.
+
+    Trials without a place in the session get one here, and keep it in every selection. Where no two of them overlap in
+    time their clocks run on from trial to trial: the time of the session is theirs, less that at which the first began.
+    Else each is taken to begin where the one before it ended: pauses are not known.
 
     Attributes:
         trials: in the order of the file.
@@ -48,6 +85,9 @@ class Recording:
     source: str = ""
     checksum: str = ""
 
+    def __post_init__(self):
+        object.__setattr__(self, "trials", tuple(_placed(self.trials)))
+
     @property
     def names(self) -> list[str]:
         """Names of the trials."""
@@ -60,3 +100,25 @@ class Recording:
 
     def __len__(self) -> int:
         return sum(len(trial) for trial in self.trials)
+
+
+def _placed(trials: Sequence[Trial]) -> list[Trial]:
+    """The trials, each with its start and number."""
+    running = _run_on(trials)
+    first = min((float(trial.t[0]) for trial in trials), default=0.0)
+    made: list[Trial] = []
+    for trial in trials:
+        start, number = trial.start, trial.number
+        if start is None:
+            before = made[-1].end if made else 0.0
+            start = float(trial.t[0]) - first if running else before
+        if number is None:
+            number = (made[-1].number or 0) + 1 if made else 1
+        made.append(replace(trial, start=start, number=number))
+    return made
+
+
+def _run_on(trials: Sequence[Trial]) -> bool:
+    """Whether one clock ran through the trials, whatever their order: none has a place yet, and no two overlap."""
+    spans = sorted((float(trial.t[0]), float(trial.t[-1])) for trial in trials)
+    return all(trial.start is None for trial in trials) and all(a[1] <= b[0] for a, b in pairwise(spans))

@@ -1,4 +1,7 @@
-"""The public sets as recordings in SI units, prepared the way that is customary for each."""
+"""The public sets as recordings in SI units, prepared the way that is customary for each.
+
+Where it is not known in which order and after which pauses trials were recorded, each is a session of its own.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +61,7 @@ def load_emps(
         file = _loadmat(path)
         force = float(file["gtau"].item()) * file["vir"].ravel()
         signals = {"x": file["qm"].ravel(), "x_ref": file["qg"].ravel(), "force": force}
-        trial = Trial(name, file["t"].ravel(), signals)
+        trial = Trial(name, file["t"].ravel(), signals, start=0.0)
         trials.append(prepare_trial(trial, cutoff_hz=cutoff_hz, rate_hz=rate_hz, thin_cutoff_hz=thin_cutoff_hz))
     units = {"x": "m", "x_ref": "m", "force": "N", "v": "m/s", "a": "m/s^2"}
     return _recording("emps", trials, units, files)
@@ -91,18 +94,19 @@ def load_multiarm_pendulum(
     # Filtered as the one run that it is, so that no trial has the edges of a filter within the run.
     t = np.concatenate(times)
     omega, alpha, _ = differentiate(t, states[1], cutoff_hz)
-    run = thin(Trial("run", t, {"theta": states[0], "omega": omega, "alpha": alpha}), rate_hz, edge_s=0.02)
+    run = thin(Trial("run", t, {"theta": states[0], "omega": omega, "alpha": alpha}, start=0.0), rate_hz, edge_s=0.02)
     trials = []
     for (name, _, _), own in zip(names, times, strict=True):
-        inside = (run.t >= own[0]) & (run.t <= own[-1])
-        trials.append(Trial(name, run.t[inside], {key: values[inside] for key, values in run.signals.items()}))
+        first, end = np.searchsorted(run.t, own[0]), np.searchsorted(run.t, own[-1], side="right")
+        trials.append(run.part(slice(first, end), name))
     trials.append(_raw_pendulum(files["raw"], rate_hz, raw_cutoff_hz))
     return _recording("multiarm_pendulum", trials, {"theta": "rad", "omega": "rad/s", "alpha": "rad/s^2"}, files)
 
 
 def _raw_pendulum(path: Path, rate_hz: float, cutoff_hz: float) -> Trial:
     angle = _loadmat(path)["Theta1"][0, 0]
-    trial = Trial("raw", angle["time"].ravel(), {"theta": angle["signals"][0, 0]["values"].ravel().astype(float)})
+    t, theta = angle["time"].ravel(), angle["signals"][0, 0]["values"].ravel().astype(float)
+    trial = Trial("raw", t, {"theta": theta}, start=float(t[0]))  # later than the run by its clock
     return prepare_trial(
         trial, position="theta", derivatives=("omega", "alpha"), cutoff_hz=cutoff_hz, rate_hz=rate_hz, edge_s=0.1
     )
@@ -135,7 +139,7 @@ def load_brfd(dataset: int = 3, cutoff_hz: float = 50.0, rate_hz: float = 128.0)
         }
         # The public times carry seven digits, too few to difference at the end of a run.
         t = np.linspace(rows["time_s"][0], rows["time_s"][-1], len(rows["time_s"]))
-        trial = Trial(name.removeprefix(prefix), t, signals)
+        trial = Trial(name.removeprefix(prefix), t, signals, start=0.0)
         trials.append(prepare_trial(trial, cutoff_hz=None, rate_hz=rate_hz, thin_cutoff_hz=cutoff_hz))
     return _recording("brfd", trials, {"x": "m", "force": "N", "v": "m/s", "a": "m/s^2"}, files)
 

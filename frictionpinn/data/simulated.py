@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import UserError, choose, nearest
 from ..numerics.paths import InputPath
+from ..numerics.session import Session
 from ..numerics.simulate import Simulator
 from ..physics import LAWS, System
 from ..physics.effect import Effect
@@ -17,7 +18,7 @@ from ..physics.mechanism import Mechanism
 from .excitation import parse_expression
 from .recording import Recording, Trial
 
-_OWN_KEYS = ("name", "duration", "initial", "constants")
+_OWN_KEYS = ("name", "duration", "initial", "constants", "start")
 
 
 def simulate_recording(
@@ -35,7 +36,8 @@ def simulate_recording(
         friction: name of the friction law that acts.
         truth: parameters of the law and of the effects, SI units; an effect whose strength is not given does nothing.
         trials: each has ``duration`` (s), an expression of time for every driven coordinate (its position) and, where
-            there are any, inputs; optionally ``initial`` (state name -> value), ``constants`` and ``name``.
+            there are any, inputs; optionally ``initial`` (state name -> value), ``constants``, ``name``, and ``start``,
+            its time in the session (s): without it, it begins where the one before it ended.
         rate_hz: samples per second.
         effects: what acts beside system and law, by name or made already.
 
@@ -68,14 +70,17 @@ def simulate_trials(
     if not trials or not all(isinstance(trial, Mapping) for trial in trials):
         allowed = "a list of tables such as [{duration: 2.0, theta: 'sin(t)'}]"
         raise UserError("no trials to simulate", where="data.trials", received=trials, allowed=allowed)
-    result = [_trial(simulator, dict(p), trial, k, rate_hz) for k, trial in enumerate(trials)]
+    result: list[Trial] = []
+    for k, trial in enumerate(trials):
+        before = result[-1].end if result else 0.0
+        result.append(_trial(simulator, dict(p), trial, k, rate_hz, before or 0.0))
     names = [trial.name for trial in result]
     if len(set(names)) < len(names):
         raise UserError("two trials of one name", where="data.trials", received=", ".join(names), fix="name each once")
     digest = hashlib.sha256()
-    for trial in result:
-        for name in sorted(trial.signals):
-            digest.update(np.ascontiguousarray(trial.signals[name]).tobytes())
+    for made in result:
+        for name in sorted(made.signals):
+            digest.update(np.ascontiguousarray(made.signals[name]).tobytes())
     units = {name: unit for name, unit in system.signal_units.items() if name in result[0].signals}
     return Recording(tuple(result), units, f"simulated {mechanism.name}", digest.hexdigest())
 
@@ -107,7 +112,10 @@ def check_truth(mechanism: Mechanism, truth: Mapping[str, float]) -> None:
     law.check_order(truth, "data.truth")
 
 
-def _trial(simulator: Simulator, truth: dict[str, float], spec: Mapping[str, Any], k: int, rate_hz: float) -> Trial:
+def _trial(
+    simulator: Simulator, truth: dict[str, float], spec: Mapping[str, Any], k: int, rate_hz: float, before: float
+) -> Trial:
+    """Trial k; it begins at the time ``before`` of the session, s, where it does not say otherwise."""
     mechanism, where = simulator.mechanism, f"data.trials[{k}]"
     duration = spec.get("duration")
     count = round(duration * rate_hz) if isinstance(duration, int | float) else 0
@@ -119,6 +127,7 @@ def _trial(simulator: Simulator, truth: dict[str, float], spec: Mapping[str, Any
             allowed=f"at least {10 / rate_hz:g} s (10 samples)",
             fix="lengthen it or raise data.rate_hz",
         )
+    start = _numbers({"start": spec.get("start", before)}, f"{where}.start")["start"]
     t = np.arange(count) / rate_hz
     driven = [c.signals[0] for c in mechanism.driven]
     inputs = [item.name for item in mechanism.system.inputs]
@@ -137,7 +146,7 @@ def _trial(simulator: Simulator, truth: dict[str, float], spec: Mapping[str, Any
             )
         expressions[name] = parse_expression(str(text), f"{where}.{name}", constants)
     initial = _numbers(spec.get("initial", {}), f"{where}.initial")
-    path = InputPath.from_expressions(mechanism, t, expressions)
+    path = InputPath.from_expressions(mechanism, t, expressions, Session(start, k + 1))
     run = simulator.simulate(t, path, truth, initial, z0="steady")
     unused = {name for name in inputs if name not in expressions}
     signals = {name: values for name, values in run.signals.items() if name not in unused}
@@ -150,7 +159,7 @@ def _trial(simulator: Simulator, truth: dict[str, float], spec: Mapping[str, Any
     }
     if mechanism.system.massless and not mechanism.effects:  # the measured force of a test bench is the friction force
         signals[inputs[0]] = run.F
-    return Trial(str(spec.get("name", k + 1)), t, signals, truth_signals)
+    return Trial(str(spec.get("name", k + 1)), t, signals, truth_signals, start, k + 1)
 
 
 def _numbers(table: Any, where: str) -> dict[str, float]:

@@ -11,7 +11,7 @@ import yaml
 
 from ..errors import UserError, choose
 from ..physics import LAWS, SYSTEMS
-from ..physics.base import CONTACT, TIME
+from ..physics.base import CONTACT, SESSION, TIME, TRIAL
 from ..physics.mechanism import Mechanism
 from ..physics.system import Coordinate, System
 from .diagnosis import Diagnosis
@@ -60,7 +60,8 @@ def folded(path: str | Path) -> tuple[System, dict[str, float]]:
     for effect in mechanism.effects:
         force = sp.sympify(effect.force(CONTACT, mechanism.p, law))
         shown = any(effect.sensor(system, n, s, mechanism.p) != s for n, s in mechanism.predictions.items())
-        timed = TIME in (force.free_symbols | sp.sympify(effect.load(CONTACT.N, CONTACT, mechanism.p)).free_symbols)
+        seen = force.free_symbols | sp.sympify(effect.load(CONTACT.N, CONTACT, mechanism.p)).free_symbols
+        timed = bool(seen & {TIME, SESSION, TRIAL})
         if effect.states or effect.memory or effect.delays(system, law) or shown or timed:
             raise UserError(f"effect {effect.name} cannot be folded into the equation of motion", where="friction",
                             received=str(path), allowed="effects that add a force, a load or a mass",

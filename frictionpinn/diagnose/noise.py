@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
-from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from ..identify.linear import Rows
 
@@ -86,14 +85,6 @@ def _autoregression(gamma: np.ndarray, count: int) -> np.ndarray:
         if value < least:
             best, least = a, value
     return best
-
-
-def whiteness(residuals: Sequence[np.ndarray], lags: int = 20) -> float:
-    """Smallest p-value of the Ljung-Box test over the given series, Bonferroni-corrected."""
-    values = [
-        float(acorr_ljungbox(r, lags=[min(lags, len(r) // 5)])["lb_pvalue"].iloc[0]) for r in residuals if len(r) > 30
-    ]
-    return min(1.0, min(values, default=1.0) * len(values))
 
 
 def outliers(residuals: Mapping[str, Mapping[str, np.ndarray]]) -> float:

@@ -12,7 +12,6 @@ from ..physics.effect import Effect, hidden, strength
 from ..physics.system import System
 
 BUMPS = 8  # of one variable: shapes that vary within an eighth of its range
-OUTER = 4.0  # exponent beyond which a bump counts as zero: keeps exp within range
 
 
 def variables(system: System) -> dict[str, sp.Expr]:

@@ -92,7 +92,8 @@ def windows_of(recording: Recording, length_s: float | None) -> list[Trial]:
                                 allowed=f"at least {DEGREE + 3} samples", fix="lengthen the windows")  # fmt: skip
             name = trial.name if count <= 1 else f"{trial.name}[{k}]"
             signals = {key: np.asarray(values, float)[first:end] for key, values in trial.signals.items()}
-            result.append(Trial(name, np.ascontiguousarray(trial.t[first:end], dtype=float), signals))
+            t, start = np.ascontiguousarray(trial.t[first:end], dtype=float), trial.start_at(first)
+            result.append(Trial(name, t, signals, {}, start, trial.number))
     return result
 
 
@@ -140,7 +141,7 @@ class Builder:
         known = {name: value for name, value in start.items() if name != "z" or "z" in states}
         return TrialModel(
             self.simulator, trial.name, t, self.channels.outputs, _rows(trial, self.channels.outputs),
-            InputPath(mechanism.input_signals, t, coefficients), tuple(noisy), states, known,
+            InputPath(mechanism.input_signals, t, coefficients, trial.session), tuple(noisy), states, known,
         )  # fmt: skip
 
     def _zeros(self, trial: Trial) -> dict[str, np.ndarray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -118,8 +117,3 @@ def choose_basis(t: np.ndarray, y: np.ndarray, sigmas: np.ndarray, most: int) ->
         return None
     finer = PathBasis.evenly(t, round(FINER * (len(best.breaks) - 1)), len(y))
     return finer if finer.size <= most else best
-
-
-def signal_sigmas(t: Sequence[np.ndarray], signals: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
-    """Noise standard deviations by differences: signals[k] holds signal k of every trial. Shape (len(signals),)."""
-    return np.array([difference_sigma(list(zip(t, columns, strict=True))) for columns in signals])

@@ -69,7 +69,7 @@ class Motion:
             if self.fast[i] and mu_c and "sigma_0" in model.simulator.parameter_names:
                 start["z"] = mu_c * float(normal[i] * np.sign(self.v_slip[i]))
                 y[:, 0] = np.nan
-            base = InputPath(path.names, model.t[part], path.coefficients[i:j])
+            base = InputPath(path.names, model.t[part], path.coefficients[i:j], path.session)
             result.append(
                 replace(
                     model, trial=f"{model.trial}[{k}]", t=model.t[part], y=y, base=base, inputs=(), states=states,

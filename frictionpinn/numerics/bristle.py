@@ -56,7 +56,7 @@ def start_changes(
     Args:
         start, u, p: as above.
         columns, states: index of the parameter and of the initial state that each quantity is, or -1, shape (n_c,).
-        directions: du/dc at the start for the last of them, shape (n_directions, n_u).
+        directions: du/dc at the start for the last of them, shape (n_directions, recorded inputs).
     """
     m, count, steady = len(kernels.mechanism.free), len(kernels.mechanism.states), steady and kernels.mechanism.memory
     if not count and not steady:

@@ -101,7 +101,7 @@ def changes(newton, outputs, start, u, p, m, count, steadied, columns, states, d
     Args:
         count, steadied: see :func:`settled`.
         columns, states: index of the parameter and of the initial state that each quantity is, or -1.
-        directions: du/dc at the start for the last of them, shape (n_directions, n_u).
+        directions: du/dc at the start for the last of them, shape (n_directions, recorded inputs).
     """
     n_c, n_s = columns.shape[0], start.shape[0]
     first, result = n_c - directions.shape[0], np.zeros((n_s, n_c))
@@ -112,7 +112,7 @@ def changes(newton, outputs, start, u, p, m, count, steadied, columns, states, d
     for c in range(n_c):
         size = 0.0
         if c >= first:
-            largest = np.abs(directions[c - first]).max() if u.shape[0] else 0.0
+            largest = np.abs(directions[c - first]).max() if directions.shape[1] else 0.0
             size = SHIFT / max(largest, 1e-12) if largest > 0.0 else 0.0
         elif columns[c] >= 0:
             value = abs(p[columns[c]])
@@ -125,7 +125,8 @@ def changes(newton, outputs, start, u, p, m, count, steadied, columns, states, d
         for side in range(2):
             shift = size if side == 0 else -size
             if c >= first:
-                inputs[:] = u + shift * directions[c - first]
+                for d in range(directions.shape[1]):
+                    inputs[d] = u[d] + shift * directions[c - first, d]
             elif columns[c] >= 0:
                 values[columns[c]] = p[columns[c]] + shift
             else:

@@ -148,7 +148,7 @@ class Kernels:
     """Compiled functions of one mechanism, each ``f(s, w, u, p, out)`` on contiguous float64 vectors.
 
     State s = (q, v, states of effects, z) of sizes (n_free, n_free, states, memory), unknown w = (a, rates of those
-    states, z'), inputs u (with the time last, where it enters the equations) and parameters p as in
+    states, z'), inputs u (with the clocks last that enter the equations) and parameters p as in
     :class:`Mechanism`. ``out`` is flat and row-major; entries that are identically zero are not written, so hand
     over zeros.
 
@@ -170,7 +170,7 @@ class Kernels:
         rates = [state.rate for state in m.states] + ([CONTACT.zdot] if m.memory else [])
         state = [c.symbols[0] for c in m.free] + [c.symbols[1] for c in m.free] + memory
         unknown = [c.symbols[2] for c in m.free] + rates
-        inputs = [*m.inputs, *([m.time] if m.timed else [])]
+        inputs = [*m.inputs, *m.clocks]
         return state, unknown, inputs, [par.symbol for par in m.parameters]
 
     @cached_property

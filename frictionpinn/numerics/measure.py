@@ -15,28 +15,38 @@ Signals = dict[str, np.ndarray]
 
 
 class Drive:
-    """What acts, from the inputs as recorded: delayed where an effect says so, with the time itself where it enters."""
+    """What acts, from the inputs as recorded: delayed where an effect says so, the clocks that enter as last inputs.
+
+    No direction changes a clock, and so directions have columns for the recorded inputs alone.
+    """
 
     def __init__(self, mechanism: Mechanism, parameters: tuple[str, ...]):
         names = mechanism.input_signals
         late = {name: terms for name, terms in mechanism.delays.items() if name not in mechanism.predictions}
         self.delays = {names.index(name): _weights(terms, parameters) for name, terms in late.items()}
-        self.timed = mechanism.timed
+        self.clocks = mechanism.clocks
         self.parameters = {name: parameters.index(name) for terms in late.values() for name in terms}
 
     def path(self, recorded: InputPath, p: np.ndarray) -> InputPath:
         """Return the inputs that act."""
-        return self._extended(self._late(recorded, p), 1.0)
+        late = self._late(recorded, p)
+        if not self.clocks:
+            return late
+        clocks = np.zeros((len(late.t) - 1, len(self.clocks), DEGREE + 1))
+        lines = late.session.lines(self.clocks)
+        clocks[:, :, 0], clocks[:, :, 1] = lines[:, 0] + lines[:, 1] * late.t[:-1, None], lines[:, 1]
+        names = (*late.names, *(symbol.name for symbol in self.clocks))
+        return InputPath(names, late.t, np.concatenate([late.coefficients, clocks], axis=1), late.session)
 
     def direction(self, recorded: InputPath, p: np.ndarray) -> InputPath:
         """Return the change of what acts for a change of the recorded inputs."""
-        return self._extended(self._late(recorded, p), 0.0)
+        return self._late(recorded, p)
 
     def directions(self, recorded: Directions, t: np.ndarray, p: np.ndarray) -> Directions:
         """Return all these changes, as they were made ready where no input acts late."""
         if len(recorded) and (late := self._shifts(p)):
-            recorded = shift_directions(t, recorded, late)
-        return recorded.timed if self.timed else recorded
+            return shift_directions(t, recorded, late)
+        return recorded
 
     def delay_direction(self, name: str, recorded: InputPath, p: np.ndarray) -> InputPath:
         """Return the derivative of what acts in the delay parameter ``name``."""
@@ -46,7 +56,7 @@ class Drive:
         for shift, columns in together({column: float(weights @ p) for column, weights in self.delays.items()}):
             if rates[:, columns].any():
                 rates[:, columns] *= shift_pieces(recorded.t, recorded.coefficients[:, columns], shift, rate=True)
-        return self._extended(recorded.through(rates), 0.0)
+        return recorded.through(rates)
 
     def _shifts(self, p: np.ndarray) -> dict[int, float]:
         """Columns that act late, and by how much, s."""
@@ -61,13 +71,6 @@ class Drive:
         for shift, columns in together(late):
             coefficients[:, columns] = shift_pieces(path.t, path.coefficients[:, columns], shift)
         return path.through(coefficients)
-
-    def _extended(self, path: InputPath, rate: float) -> InputPath:
-        if not self.timed:
-            return path
-        time = np.zeros((len(path.t) - 1, 1, DEGREE + 1))
-        time[:, 0, 0], time[:, 0, 1] = rate * path.t[:-1], rate
-        return InputPath((*path.names, "t"), path.t, np.concatenate([path.coefficients, time], axis=1))
 
 
 class Sensors:

@@ -13,6 +13,7 @@ from scipy.interpolate import CubicSpline
 from ..errors import UserError
 from ..physics.mechanism import Mechanism
 from ..physics.system import TIME
+from .session import ALONE, Session
 
 DEGREE = 5
 
@@ -67,11 +68,13 @@ class InputPath:
         names: signals that fill u, in the order of ``Mechanism.input_signals``.
         t: sample times, s, shape (n,), strictly increasing.
         coefficients: shape (n - 1, n_u, 6), powers of t - t_k, lowest first; SI units.
+        session: place in the session, for effects that depend on it.
     """
 
     names: tuple[str, ...]
     t: np.ndarray
     coefficients: np.ndarray
+    session: Session = ALONE
 
     def __post_init__(self):
         t = _checked_times(self.t)
@@ -85,7 +88,8 @@ class InputPath:
     def through(self, coefficients: np.ndarray) -> InputPath:
         """The path of other coefficients, of the same shape and at the same times, which are not checked again."""
         made = object.__new__(InputPath)
-        for name, value in (("names", self.names), ("t", self.t), ("coefficients", coefficients)):
+        fields = {"names": self.names, "t": self.t, "coefficients": coefficients, "session": self.session}
+        for name, value in fields.items():
             object.__setattr__(made, name, value)
         return made
 
@@ -98,6 +102,7 @@ class InputPath:
         *,
         motion: str = "hermite",
         force: str = "cubic",
+        session: Session = ALONE,
     ) -> InputPath:
         """Interpolate samples.
 
@@ -110,6 +115,7 @@ class InputPath:
                 or exact signals); "linear" and "cubic" interpolate each on its own (signals that are not each other's
                 derivatives, so that noise in a position is not turned into acceleration).
             force: "cubic" or "linear", for the plain inputs.
+            session: place of the samples in a session of several trials.
 
         Raises:
             UserError: times that do not increase, a missing or wrongly sized signal, values that are not finite.
@@ -124,11 +130,13 @@ class InputPath:
                 columns.append(np.stack([_PLAIN[motion](t, column) for column in samples], axis=1))
         for item in mechanism.system.inputs:
             columns.append(_PLAIN[force](t, _samples(signals, item.name, t, required=False))[:, None, :])
-        stacked = np.concatenate(columns, axis=1) if columns else np.zeros((len(t) - 1, 0, DEGREE + 1))
-        return cls(mechanism.input_signals, t, stacked)
+        none = np.zeros((len(t) - 1, 0, DEGREE + 1))
+        return cls(mechanism.input_signals, t, np.concatenate([none, *columns], axis=1), session)
 
     @classmethod
-    def from_expressions(cls, mechanism: Mechanism, t: np.ndarray, expressions: Mapping[str, sp.Expr]) -> InputPath:
+    def from_expressions(
+        cls, mechanism: Mechanism, t: np.ndarray, expressions: Mapping[str, sp.Expr], session: Session = ALONE
+    ) -> InputPath:
         """Inputs given as sympy expressions of ``TIME``, by the name of a driven coordinate's position or of an input.
 
         Each expression and its first two derivatives are sampled at t and joined by polynomials of degree 5: at
@@ -148,8 +156,8 @@ class InputPath:
         for item in mechanism.system.inputs:
             expr = expressions.get(item.name, sp.Integer(0))
             columns.append(quintic_hermite(t, *sample_expression(expr, t, f"inputs.{item.name}"))[:, :1])
-        stacked = np.concatenate(columns, axis=1) if columns else np.zeros((len(t) - 1, 0, DEGREE + 1))
-        return cls(mechanism.input_signals, t, stacked)
+        none = np.zeros((len(t) - 1, 0, DEGREE + 1))
+        return cls(mechanism.input_signals, t, np.concatenate([none, *columns], axis=1), session)
 
     @cached_property
     def samples(self) -> np.ndarray:
@@ -191,16 +199,6 @@ class Directions:
 
     def __len__(self) -> int:
         return len(self.paths)
-
-    @cached_property
-    def timed(self) -> Directions:
-        """The same beside a path that time itself is added to as the last input: no direction changes that."""
-        wider = np.zeros_like(self.coefficients[:, :, :1]), np.zeros_like(self.samples[:, :, :1])
-        return replace(
-            self,
-            coefficients=np.concatenate([self.coefficients, wider[0]], axis=2),
-            samples=np.concatenate([self.samples, wider[1]], axis=2),
-        )
 
     @classmethod
     def of(cls, paths: Mapping[str, InputPath], shape: tuple[int, ...]) -> Directions:

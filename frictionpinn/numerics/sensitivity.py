@@ -24,9 +24,10 @@ def known_part(out, m, hg, columns, n_p, directions, support, active, k, offset,
 
     Only the first ``active`` columns: the others act later.
     """
-    n_s, n_w, n_u = known.shape[0], rhs.shape[0], du.shape[0]
+    n_s, n_w = known.shape[0], rhs.shape[0]
     by_p = n_w + n_w * (n_s + n_w) + 1
     by_u = by_p + n_w * n_p
+    n_u = (out.shape[0] - by_u) // n_w  # clocks included, which no direction changes
     for i in range(n_w):
         for c in range(active):
             rhs[i, c] = -out[by_p + i * n_p + columns[c]] if columns[c] >= 0 else 0.0
@@ -43,7 +44,7 @@ def known_part(out, m, hg, columns, n_p, directions, support, active, k, offset,
             continue
         evaluate(directions[j], k, offset, du)
         for i in range(n_w):
-            for d in range(n_u):
+            for d in range(du.shape[0]):
                 rhs[i, first + j] -= out[by_u + i * n_u + d] * du[d]
 
 
@@ -117,7 +118,8 @@ def propagate(
         s_start, w_start: state and unknown at the first sample.
         start: ds/dc there, shape (n_s, n_c).
         columns: index of the parameter that each c is, or -1.
-        directions: du/dc for the last entries of c, shape (n_directions, n - 1, n_u, 6), as path coefficients.
+        directions: du/dc for the last entries of c, shape (n_directions, n - 1, recorded inputs, 6), as path
+            coefficients.
         support: first and last interval in which each direction acts, shape (n_directions, 2), the first increasing.
         record_k, record_h, record_w: the steps that ``integrate`` recorded.
     """
@@ -125,7 +127,7 @@ def propagate(
     n_p, n_u = p.shape[0], coefficients.shape[1]
     states, unknowns = np.empty((n, n_s, n_c)), np.empty((n, n_w, n_c))
     out = np.zeros(n_w + n_w * (n_s + n_w) + 1 + n_w * (n_p + n_u))
-    matrix, pivots, u, du = np.empty((n_w, n_w)), np.empty(n_w, np.int64), np.empty(n_u), np.empty(n_u)
+    matrix, pivots, u, du = np.empty((n_w, n_w)), np.empty(n_w, np.int64), np.empty(n_u), np.empty(directions.shape[2])
     s, s0, known = s_start.copy(), s_start.copy(), np.empty(n_s)
     stages_v, stages_w = np.zeros((stages, m)), np.zeros((stages, n_w))
     ds, ds0, dknown, rhs = start.copy(), start.copy(), start.copy(), np.empty((n_w, n_c))
@@ -180,7 +182,7 @@ def output_sensitivities(kernel, states, unknowns, inputs, p, dstates, dunknowns
     """Total derivatives of the outputs at every sample, shape (n, n_out, n_c).
 
     ``kernel`` writes the partial derivatives in s, w, p and u, (n_out, n_s + n_w + n_p + n_u); dinputs is du/dc of
-    the last entries of c, shape (n_directions, n, n_u).
+    the last entries of c, shape (n_directions, n, recorded inputs).
     """
     n, n_s, n_w, n_p, n_u = states.shape[0], states.shape[1], unknowns.shape[1], p.shape[0], inputs.shape[1]
     n_c = columns.shape[0]
@@ -203,6 +205,6 @@ def output_sensitivities(kernel, states, unknowns, inputs, p, dstates, dunknowns
             for j in range(dinputs.shape[0]):
                 if k < support[j, 0] or k > support[j, 1] + 1:
                     continue
-                for d in range(n_u):
+                for d in range(dinputs.shape[2]):
                     result[k, i, first + j] += out[row + n_s + n_w + n_p + d] * dinputs[j, k, d]
     return result

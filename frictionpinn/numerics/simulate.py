@@ -196,7 +196,7 @@ class Simulator:
             self.steps_taken += steps
 
     def acting(self, inputs: InputPath, p: np.ndarray) -> InputPath:
-        """The path that acts at a parameter vector: delayed where an effect says so, with the time where it enters."""
+        """The path that acts at a parameter vector: delayed where an effect says so, with the clocks that enter."""
         return self._drive.path(inputs, p)
 
     def shown(
@@ -264,8 +264,8 @@ class Simulator:
         if isinstance(directions, Directions):
             ready = self._drive.directions(directions, path.t, p)
         else:
-            shape = self._drive.path(path, p).coefficients.shape
-            ready = Directions.of({name: self._drive.direction(d, p) for name, d in given.items()}, shape)
+            moved = {name: self._drive.direction(d, p) for name, d in given.items()}
+            ready = Directions.of(moved, path.coefficients.shape)
         late = {name: self._drive.delay_direction(name, path, p) for name in names if name in self._drive.parameters}
         if late:
             ready = ready.beside(Directions.of(late, ready.coefficients.shape[1:]))

@@ -23,6 +23,8 @@ from scipy.linalg import solveh_banded
 
 from frictionpinn.errors import UserError
 
+from .quantisation import quantisation_step
+
 Signal = np.ndarray | None
 Coordinate = tuple[np.ndarray, Signal, Signal, Signal]  # t, q, v, a
 Smoothed = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # q, v, a, jerk
@@ -90,7 +92,8 @@ def difference_sigma(trials: Sequence[tuple[np.ndarray, np.ndarray]], order: int
 
     Each run of ``order + 1`` samples is weighted by ``w_i ∝ 1 / prod_{j != i}(t_i - t_j)``, ``|w| = 1``, and the
     median absolute value of the sums is scaled to a normal distribution's, so that jumps and outliers count little
-    (after Gasser, Sroka and Jennen-Steinmetz, Biometrika 73, 1986).
+    (after Gasser, Sroka and Jennen-Steinmetz, Biometrika 73, 1986). Most differences of a signal recorded in coarse
+    steps are zero; its noise is at least that of rounding, step / sqrt(12), see :func:`quantisation_step`.
 
     Args:
         trials: pairs (t, y) of shape (n,).
@@ -99,10 +102,10 @@ def difference_sigma(trials: Sequence[tuple[np.ndarray, np.ndarray]], order: int
     Returns:
         Estimate in the unit of y, at least 1e-6 of its root mean square; 0 where y is 0 or too short.
     """
-    residuals, squares = [np.zeros(0)], [np.zeros(0)]
+    residuals, kept = [np.zeros(0)], [np.zeros(0)]
     for t, y in trials:
         keep = ~np.isnan(y)
-        squares.append(y[keep] ** 2)
+        kept.append(y[keep])
         if np.count_nonzero(keep) <= order:
             continue
         times = np.lib.stride_tricks.sliding_window_view(t[keep], order + 1)
@@ -111,9 +114,10 @@ def difference_sigma(trials: Sequence[tuple[np.ndarray, np.ndarray]], order: int
         weights = 1 / np.prod(gaps, axis=2)
         weights /= np.linalg.norm(weights, axis=1, keepdims=True)
         residuals.append(np.abs(np.sum(weights * np.lib.stride_tricks.sliding_window_view(y[keep], order + 1), 1)))
-    pooled, square = np.concatenate(residuals), np.concatenate(squares)
-    rms = float(np.sqrt(square.mean())) if square.size else 0.0
-    return max(1.4826 * float(np.median(pooled)) if pooled.size else 0.0, SIGMA_FLOOR * rms)
+    pooled, values = np.concatenate(residuals), np.concatenate(kept)
+    rms = float(np.sqrt((values**2).mean())) if values.size else 0.0
+    rounding = quantisation_step(kept) / 12**0.5
+    return max(1.4826 * float(np.median(pooled)) if pooled.size else 0.0, SIGMA_FLOOR * rms, rounding)
 
 
 def known_sigmas(trials: Sequence[Coordinate], sigmas: Sigmas | None) -> np.ndarray:

@@ -82,7 +82,7 @@ class Tangent:
         )  # fmt: skip
         outputs = None
         if contact or mechanism.system.massless:
-            none = Directions.of({}, self.path.coefficients.shape)
+            none = Directions.of({}, self.inputs.coefficients.shape)
             nowhere = np.full(start.shape[1], -1, dtype=np.int64)
             outputs = sensitivity.output_sensitivities(
                 pointer(kernels.sensitivity.output_derivatives), run.states, run.unknowns, self.path.samples, self.p,
@@ -96,7 +96,7 @@ class Tangent:
         kernels, run, k = self.simulator.kernels, self.run, len(strengths)
         start = np.zeros((kernels.sizes[0], k * len(values)))
         if self.steady or kernels.settles(strengths):
-            none = Directions.of({}, self.path.coefficients.shape)
+            none = Directions.of({}, self.inputs.coefficients.shape)
             wanted = Wanted(strengths, columns, np.full(k, -1, dtype=np.int64), none)
             u = self.path.coefficients[0, :, 0]
             for j, p in enumerate(values):

@@ -12,9 +12,11 @@ from ..data.recording import Recording, Trial
 from ..errors import UserError, nearest
 from ..numerics.bristle import resting_states, steady_bristle
 from ..numerics.codegen import Kernels, pointer
+from ..numerics.session import ALONE, Session
 from ..numerics.tableau import METHOD
 from ..physics.mechanism import Mechanism
 from .check import check_adapt, check_sensors, finite, parameter_vector
+from .consistency import Consistency
 from .tuning import Tuning, tune
 
 Z95 = 1.959964
@@ -40,7 +42,10 @@ class Reading(NamedTuple):
         t: time, s.
         force: in the system's unit of force.
         low, high: 95 % interval.
-        status: "ok", "contact lost" (the normal force is not positive) or "no solution".
+        status: "ok", "contact lost" (the normal force is not positive), "no solution", or "inconsistent": over the last
+            fifth of a second the samples are further from what the filter expected than its interval allows, see
+            :class:`.consistency.Consistency`. Parameters or noise levels are wrong, a sensor failed, the surface
+            changed: neither force nor interval can be relied on.
     """
 
     t: float
@@ -90,6 +95,7 @@ class OnlineEstimator:
         self._p = parameter_vector(mechanism, self.names, parameters)
         check_adapt(self.adapt, self.names, self._p, covariance)
         self.covariance = np.zeros((len(self.adapt),) * 2) if covariance is None else np.asarray(covariance, float)
+        self._consistency = Consistency()
         self._build()
         self.reset()
 
@@ -114,10 +120,7 @@ class OnlineEstimator:
         """
         tuning = tuning or tune(mechanism, recording, sigmas)
         most = MOST // len(recording.trials)
-        parts = [
-            Trial(trial.name, trial.t[:most], {name: values[:most] for name, values in trial.signals.items()})
-            for trial in recording.trials
-        ]
+        parts = [trial.part(slice(most)) for trial in recording.trials]
         told = {share: cls(mechanism, parameters, tuning, share=share).log_likelihood(parts) for share in SHARES}
         return cls(mechanism, parameters, tuning, adapt, max(told, key=told.__getitem__), covariance)
 
@@ -151,17 +154,22 @@ class OnlineEstimator:
             pointer(self.kernels.plain.newton), pointer(self.kernels.plain.outputs), METHOD.a, METHOD.c, METHOD.error,
             min(METHOD.order, METHOD.order_embedded) + 1, np.array(chains, dtype=np.int64).reshape(-1, 4),
             np.array([(place, 1) for place in places], dtype=np.int64).reshape(-1, 2), self._p,
-            (m, n_s, n_w, n_u, mechanism.timed), atol, RTOL, 1.0,
+            (m, n_s, n_w, n_u), ALONE.lines(mechanism.clocks), atol, RTOL, 1.0,
         )  # fmt: skip
 
     def reset(self) -> None:
         """Forget all samples; parameters that adapt return to their first values."""
         self._time: float | None = None
+        self._consistency.clear()
+        self._place(ALONE)
         self._X, self._P = np.zeros(self._size), np.zeros((self._size, self._size))
         for i, name in enumerate(self.adapt):
             self._X[self._size - len(self.adapt) + i] = np.log(self._p[self.names.index(name)])
         first = self._size - len(self.adapt)
         self._P[first:, first:] = self.covariance
+
+    def _place(self, session: Session) -> None:
+        self._equations = self._equations._replace(clocks=session.lines(self.mechanism.clocks))
 
     def _start(self, y: np.ndarray) -> None:
         """State before the first sample: what it shows, and a wide guess at what it does not."""
@@ -203,7 +211,8 @@ class OnlineEstimator:
         """Take in one sample and return the friction force at that instant.
 
         Args:
-            t: time, s, after that of the previous sample; intervals need not be equal.
+            t: time, s, after that of the previous sample; intervals need not be equal. Effects that depend on the
+                session take it as the session's.
             signals: any of ``self.signals``, SI units; what is missing or NaN is taken as not measured.
 
         Raises:
@@ -218,15 +227,21 @@ class OnlineEstimator:
         last, status = self._time, 0
         if last is None or t - last > LONGEST * self.tuning.interval:
             self._time = float(t)
+            self._consistency.clear()
             self._start(y)
         else:
             status = core.predict(
                 self._equations, self._X, self._P, self._kicks, self._walks, self._densities, last, t - last,
             )  # fmt: skip
         self._time = float(t)
-        _, force, variance = core.correct(self._equations, self._X, self._P, y, self._R, self._rows, float(t))
+        _, force, variance, square, freedom = core.correct(
+            self._equations, self._X, self._P, y, self._R, self._rows, float(t)
+        )
         reach = Z95 * np.sqrt(variance + (INEXACT * force) ** 2)
-        return Reading(self._time, force, float(force - reach), float(force + reach), STATUS[status])
+        told = STATUS[status]
+        if not self._consistency.add(self._time, square, freedom) and told == "ok":
+            told = "inconsistent"
+        return Reading(self._time, force, float(force - reach), float(force + reach), told)
 
     def _sample(self, signals: Mapping[str, float]) -> np.ndarray:
         y = np.full(len(self.signals), np.nan)
@@ -248,23 +263,28 @@ class OnlineEstimator:
         """Run over a trial from a fresh start, causally.
 
         Returns:
-            force, low, high and std of the friction force, shape (n,); each parameter that adapts, shape (n,), and
-            ``log_likelihood`` of the innovations, shape ().
+            force, low, high and std of the friction force, shape (n,); ``consistent``, whether the samples were as
+            expected, shape (n,); each parameter that adapts, shape (n,), and ``log_likelihood`` of the innovations,
+            shape ().
         """
         self.reset()
+        self._place(trial.session)
         Y = np.full((len(trial.t), len(self.signals)), np.nan)
         for k, name in enumerate(self.signals):
             if name in trial.signals:
                 Y[:, k] = trial.signals[name]
         self._time = float(trial.t[0])
         self._start(Y[0])
-        loglik, force, variance, states = _recursions().run(
+        loglik, force, variance, squares, freedoms, states = _recursions().run(
             self._equations, self._X, self._P, self._kicks, self._walks, self._densities,
             np.ascontiguousarray(trial.t, dtype=float), Y, self._R, self._rows,
         )  # fmt: skip
         self._time = float(trial.t[-1])
         std, first = np.sqrt(variance + (INEXACT * force) ** 2), self._size - len(self.adapt)
+        samples = zip(trial.t.tolist(), squares.tolist(), freedoms.tolist(), strict=True)
+        consistent = np.array([self._consistency.add(*sample) for sample in samples])
         found = {"force": force, "low": force - Z95 * std, "high": force + Z95 * std, "std": std}
+        found["consistent"] = consistent
         found |= {name: np.exp(states[:, first + i]) for i, name in enumerate(self.adapt)}
         return found | {"log_likelihood": np.array(loglik)}
 

@@ -39,7 +39,8 @@ class Equations(NamedTuple):
         chains: offset in X, number of states, column in u, whether it is a coordinate; shape (n_chains, 4).
         adapted: place in p, whether X holds the logarithm, of the parameters that end X; shape (n_adapted, 2).
         p: all parameters; those that adapt are overwritten.
-        sizes: m (free coordinates), n_s, n_w, n_u, whether the last input is the time.
+        sizes: m (free coordinates), n_s, n_w, n_u.
+        clocks: value at t = 0 and slope of the clocks that are the last inputs, shape (n_clocks, 2).
         atol, rtol: tolerances of the integrator, atol of shape (n_s,).
         spread: distance of the sigma points, in standard deviations.
     """
@@ -53,7 +54,8 @@ class Equations(NamedTuple):
     chains: np.ndarray
     adapted: np.ndarray
     p: np.ndarray
-    sizes: tuple[int, int, int, int, bool]
+    sizes: tuple[int, int, int, int]
+    clocks: np.ndarray
     atol: np.ndarray
     rtol: float
     spread: float
@@ -61,16 +63,17 @@ class Equations(NamedTuple):
 
 @njit(**OPTIONS)
 def inputs(eq, X, now):
-    """Polynomials of all inputs, shape (1, n_u, 6), from the chains; where time enters it is the last input."""
-    _, _, _, n_u, timed = eq.sizes
+    """Polynomials of all inputs, shape (1, n_u, 6), from the chains; clocks that enter are the last inputs."""
+    n_u, n_clocks = eq.sizes[3], eq.clocks.shape[0]
     coefficients = np.zeros((1, n_u, DEGREE + 1))
     for i in range(eq.chains.shape[0]):
         offset, order, column = eq.chains[i, OFFSET], eq.chains[i, ORDER], eq.chains[i, COLUMN]
         for k in range(3 if eq.chains[i, MOTION] else 1):
             for d in range(min(order - k, DEGREE + 1)):
                 coefficients[0, column + k, d] = X[offset + k + d] / FACTORIAL[d]
-    if timed:
-        coefficients[0, n_u - 1, 0], coefficients[0, n_u - 1, 1] = now, 1.0
+    for i in range(n_clocks):
+        column, slope = n_u - n_clocks + i, eq.clocks[i, 1]
+        coefficients[0, column, 0], coefficients[0, column, 1] = eq.clocks[i, 0] + slope * now, slope
     return coefficients
 
 
@@ -107,7 +110,7 @@ def root(P):
 @njit(**OPTIONS)
 def flow(eq, X, now, h):
     """Status of the integrator and the mechanism's own state, shape (n_s,), a step h after X."""
-    m, n_s, _, _, _ = eq.sizes
+    m, n_s = eq.sizes[:2]
     start = X[:n_s].copy()
     if n_s == 0:
         return OK, start
@@ -121,7 +124,7 @@ def flow(eq, X, now, h):
 @njit(**OPTIONS)
 def look(eq, X, now):
     """Status, w = (a, z') and (v_slip, N, F) at X."""
-    m, n_s, n_w, n_u, _ = eq.sizes
+    m, n_s, n_w, n_u = eq.sizes
     coefficients, p, s, w = inputs(eq, X, now), parameters(eq, X), X[:n_s].copy(), np.zeros(n_w)
     u, seen, status = coefficients[0, :, 0].copy(), np.zeros(3), OK
     if n_w > 0:
@@ -198,7 +201,8 @@ def correct(eq, X, P, y, R, rows, now):
         y, R, rows: signals (NaN: missing), variances of their noise, and what each shows (kind, index).
 
     Returns:
-        log-likelihood, friction force and its variance.
+        log-likelihood, friction force and its variance, and the normalised innovation squared (chi-squared where
+        model and noise levels are right) with its degrees of freedom.
     """
     n, count = X.shape[0], y.shape[0]
     L = root(P) * eq.spread
@@ -223,7 +227,7 @@ def correct(eq, X, P, y, R, rows, now):
     used = np.flatnonzero(np.isfinite(y) & np.isfinite(R) & np.isfinite(expected[:count]))
     force = slopes[count]
     if used.shape[0] == 0:
-        return 0.0, expected[count], force @ force
+        return 0.0, expected[count], force @ force, 0.0, 0
     D = slopes[used]
     S = D @ D.T
     for k in range(used.shape[0]):
@@ -236,11 +240,13 @@ def correct(eq, X, P, y, R, rows, now):
     P -= gain.T @ gain
     for i in range(n):
         P[i, i] = max(P[i, i], 0.0)
-    loglik = -0.5 * (white @ white)
+    loglik, freedom = -0.5 * (white @ white), 0
     for k in range(used.shape[0]):
         if C[k, k] > 0.0:
             loglik -= np.log(C[k, k]) + 0.5 * np.log(2 * np.pi)
-    return loglik, expected[count] + share * (own @ white), max(force @ force - own @ own, 0.0)
+            freedom += 1
+    variance = max(force @ force - own @ own, 0.0)
+    return loglik, expected[count] + share * (own @ white), variance, white @ white, freedom
 
 
 @njit(**OPTIONS)
@@ -263,13 +269,19 @@ def whiten(C, a, B, c):
 
 @njit(**OPTIONS)
 def run(eq, X, P, kicks, walks, densities, t, Y, R, rows):
-    """Filter a whole trial. Returns log-likelihood, force, its variance, shape (n,), and the states, shape (n, n_X)."""
+    """Filter a whole trial.
+
+    Returns:
+        log-likelihood; force, its variance, normalised innovation squared and its degrees of freedom, shape (n,); the
+        states, shape (n, n_X).
+    """
     n = t.shape[0]
+    squares, freedoms = np.empty(n), np.empty(n, np.int64)
     total, forces, variances, states = 0.0, np.empty(n), np.empty(n), np.empty((n, X.shape[0]))
     for k in range(n):
         if k > 0:
             predict(eq, X, P, kicks, walks, densities, t[k - 1], t[k] - t[k - 1])
-        loglik, forces[k], variances[k] = correct(eq, X, P, Y[k], R, rows, t[k])
+        loglik, forces[k], variances[k], squares[k], freedoms[k] = correct(eq, X, P, Y[k], R, rows, t[k])
         total += loglik
         states[k] = X
-    return total, forces, variances, states
+    return total, forces, variances, squares, freedoms, states

@@ -13,6 +13,7 @@ from ..errors import UserError
 from .scan import Scan
 
 TIME = sp.Symbol("t", real=True)
+SESSION, TRIAL = sp.symbols("t_session trial", real=True)
 _S_SLIP, _A_SLIP = sp.symbols("s_slip a_slip", real=True)
 
 
@@ -55,7 +56,8 @@ class Parameter:
 class Contact:
     """What a friction law sees: slip velocity, normal force magnitude, bristle state and its rate.
 
-    Effects also see the slip position ``s``, the slip acceleration ``a`` and the time ``t``.
+    Effects also see the slip position ``s``, the slip acceleration ``a``, the time ``t`` of the trial, as recorded, the
+    time ``session`` that runs on from trial to trial, 0 where the first begins, and the number ``trial``, from 1.
     """
 
     v: sp.Expr
@@ -65,6 +67,8 @@ class Contact:
     s: sp.Expr = _S_SLIP
     a: sp.Expr = _A_SLIP
     t: sp.Expr = TIME
+    session: sp.Expr = SESSION
+    trial: sp.Expr = TRIAL
 
 
 CONTACT = Contact(*sp.symbols("v_slip N z zdot", real=True))

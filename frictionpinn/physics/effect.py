@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import sympy as sp
 
 from .base import Contact, FrictionLaw, Parameter
-from .scan import Scan, scan_of
+from .scan import Scan
 from .system import System
 
 
@@ -47,9 +46,6 @@ class Effect:
         memory: brings a bristle state to a law without one, see :meth:`bristle_rate`.
         states: further states, see :meth:`state_rates`.
         bends: only bends the law's own Stribeck curve: an effect with a curve of its own may hide in that.
-
-    Args:
-        scan: parameter -> fields of :class:`Scan` in place of its own; "delay" stands for every delay_<signal>.
     """
 
     name: str = ""
@@ -58,9 +54,6 @@ class Effect:
     memory: bool = False
     states: tuple[State, ...] = ()
     bends: bool = False
-
-    def __init__(self, scan: Mapping[str, Mapping] | None = None):
-        self.scan = {name: Scan.checked(f"effect.{self.name}.scan.{name}", spec) for name, spec in (scan or {}).items()}
 
     def applies(self, system: System, law: FrictionLaw, others: tuple[str, ...] = ()) -> bool:
         """Whether it can act on this system with this law, ``others`` being the names of effects beside it."""
@@ -71,11 +64,9 @@ class Effect:
         return self.parameters
 
     def parameters_on(self, system: System, law: FrictionLaw) -> tuple[Parameter, ...]:
-        """Its parameters on this system and law, with the scans that it was given."""
+        """Its parameters on this system and law, with what its sign needs."""
         made = self.make_parameters(system, law)
-        if self.signed and not _has(law, "v_t"):
-            made = (*made, V_SIGN)
-        return tuple(replace(par, scan=scan_of(self.scan, par.name, par.scan)) for par in made)
+        return (*made, V_SIGN) if self.signed and not _has(law, "v_t") else made
 
     @classmethod
     def said(cls) -> dict[str, str]:

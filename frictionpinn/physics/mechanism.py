@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import sympy as sp
 
-from .base import CONTACT, TIME, Contact, FrictionLaw, Parameter
+from .base import CONTACT, SESSION, TIME, TRIAL, Contact, FrictionLaw, Parameter
 from .effect import Effect, State
 from .effects import chosen
 from .system import Coordinate, System
@@ -20,9 +20,9 @@ FRICTION = sp.Symbol("F_f", real=True)
 class Mechanism:
     """System, friction law and effects together.
 
-    The implicit equations of motion are R(q, v, a, z, z', u, t; p) = 0 with one row for each free coordinate,
+    The implicit equations of motion are R(q, v, a, z, z', u, c; p) = 0 with one row for each free coordinate,
     E + J F_f(v_slip, F_N, z, z'), and for a law with memory the row z' - rate(v_slip, F_N, z). ``u`` holds position,
-    velocity and acceleration of every driven coordinate, then the inputs.
+    velocity and acceleration of every driven coordinate, then the inputs; ``c`` the clocks that effects read.
 
     Effects, given by name or as objects, enter these equations with parameters of their own; at the neutral values of
     those the equations are the ones without effects.
@@ -174,12 +174,8 @@ class Mechanism:
                 result[name] = result.get(name, {}) | terms
         return result
 
-    @property
-    def time(self) -> sp.Symbol:
-        """The symbol of time."""
-        return TIME
-
     @cached_property
-    def timed(self) -> bool:
-        """Whether time itself enters the equations."""
-        return any(TIME in sp.sympify(expr).free_symbols for expr in (*self.residuals, self.friction))
+    def clocks(self) -> tuple[sp.Symbol, ...]:
+        """What enters the equations of the time of the trial, the time of the session and the trial's number."""
+        found = set().union(*(sp.sympify(expr).free_symbols for expr in (*self.residuals, self.friction)))
+        return tuple(symbol for symbol in (TIME, SESSION, TRIAL) if symbol in found)

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import UserError
-
 SCALES = {
     "stroke": "range of the slip position",
     "place": "slip position: 0 is the lowest visited, 1 the highest",
@@ -35,26 +33,6 @@ class Scan:
     count: int
     spacing: str = "log"
 
-    @classmethod
-    def checked(cls, where: str, spec: Mapping) -> Scan:
-        """A scan from plain values.
-
-        Raises:
-            UserError: an unknown field or scale, limits in the wrong order, no values.
-        """
-        try:
-            scan = cls(**spec)
-            space = scan.values({scan.of: (0.0, 1.0)}) if scan.of in SCALES and scan.low <= scan.high else None
-            good = space is not None and space.size > 0 and scan.spacing in ("log", "linear", "inverse")
-        except (TypeError, ValueError):
-            good = False
-        if not good:
-            allowed = (
-                f"of ({', '.join(SCALES)}), low, high (not below), count (1 or more), spacing (log, linear, inverse)"
-            )
-            raise UserError("not a scan", where=where, received=dict(spec), allowed=allowed)
-        return scan
-
     def values(self, scales: Mapping[str, tuple[float, float]]) -> np.ndarray:
         """The values, SI units, shape (count,); ``scales`` as :func:`data_scales` returns them."""
         offset, size = scales[self.of]
@@ -62,13 +40,6 @@ class Scan:
             return offset + size / np.linspace(1 / self.low, 1 / self.high, self.count)
         space = np.geomspace if self.spacing == "log" else np.linspace
         return offset + size * space(self.low, self.high, self.count)
-
-
-def scan_of(given: Mapping[str, Scan], name: str, own: Scan | None) -> Scan | None:
-    """The scan given for a parameter, by its name or the name it begins with; its own where there is none."""
-    if name in given:
-        return given[name]
-    return next((scan for key, scan in given.items() if name.startswith(f"{key}_")), own)
 
 
 def data_scales(

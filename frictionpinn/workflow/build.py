@@ -120,6 +120,7 @@ def _from_files(cfg: Config, system: System) -> Recording:
     from ..data.tables import columns_of
 
     known = system.signal_units
+    allowed = {**known, "start": "s"}
     trial_column = cfg.get("trial_column")
     present = columns_of(_paths(cfg["path"])[0])
     columns = mapping(cfg, "columns", "data")
@@ -128,9 +129,9 @@ def _from_files(cfg: Config, system: System) -> Recording:
         columns.setdefault("t", "t")
     if trial_column is not None and trial_column not in present:
         trial_column = None
-    unknown = [name for name in columns if name not in known]
+    unknown = [name for name in columns if name not in allowed]
     if unknown:
-        choose(unknown[0], known, "data.columns")
+        choose(unknown[0], allowed, "data.columns")
     _require_motion(columns, system)
     recording = read_recording(
         _paths(cfg["path"]),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..data.recording import Recording, Trial
+from ..data.recording import Recording
 from ..data.split import split_trials
 from ..diagnose.augmented import save_augmented
 from ..diagnose.diagnosis import Diagnosis
@@ -180,8 +180,7 @@ def split(recording: Recording, data: Config) -> tuple[Recording, Recording]:
         first = int(len(trial.t) * (1 - LAST))
         parts = []
         for name, part in (("start", slice(0, first)), ("end", slice(first, None))):
-            signals = {key: values[part] for key, values in trial.signals.items()}
-            parts.append(Trial(f"{trial.name} ({name})", trial.t[part], signals))
+            parts.append(trial.part(part, f"{trial.name} ({name})"))
         made = [Recording((p,), recording.units, recording.source, recording.checksum) for p in parts]
         return made[0], made[1]
     splits = split_trials(recording.names, data.get("held_out"), data.get("validation"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import sympy as sp
-import yaml
 
 from frictionpinn.diagnose.candidates import candidates, effects_for
 from frictionpinn.diagnose.remainder import BUMPS, places, remainders, variables
@@ -66,14 +65,3 @@ def test_the_motion_of_one_coordinate_can_be_imposed_and_then_carries_its_inerti
     assert sp.diff(force, system.coordinates[0].symbols[2]) == sp.Symbol("M", real=True)
     with pytest.raises(UserError, match="cannot be imposed"):
         SYSTEMS["pob"](imposed=True)
-
-
-def test_every_effect_has_a_yaml_with_its_scans():
-    from pathlib import Path
-
-    from frictionpinn.physics.effects import EFFECTS
-
-    folder = Path(__file__).resolve().parents[2] / "conf" / "effect"
-    assert {path.stem for path in folder.glob("*.yaml")} == set(EFFECTS)
-    for path in folder.glob("*.yaml"):
-        assert yaml.safe_load(path.read_text())["name"] == path.stem

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 from surfaces import case, changing_surface, fitted
 
 from frictionpinn.data.recording import Recording
 from frictionpinn.errors import UserError
 from frictionpinn.numerics.torch_functions import contact_signals
 from frictionpinn.online import OnlineEstimator, tune
+from frictionpinn.online.consistency import WINDOW, Consistency, limit
 from frictionpinn.physics import LAWS
 from frictionpinn.physics.mechanism import Mechanism
 
@@ -191,3 +193,71 @@ def test_effects_on_sensors_are_refused():
     late = Mechanism(mechanism.system, LAWS["lugre"](), ("sensor_bias",))
     with pytest.raises(UserError, match="effects on sensors"):
         OnlineEstimator(late, truth, fitted("pob").tuning)
+
+
+# ---- samples that are not where the filter expects them
+
+
+@pytest.mark.parametrize("system", ["pob", "sdob", "drive", "pendulum", "damper"])
+def test_samples_of_the_system_that_it_was_tuned_for_are_consistent(system):
+    _, _, _, noisy = case(system)
+    for trial in noisy.trials:
+        assert fitted(system).filter(trial)["consistent"].all()
+
+
+@pytest.mark.parametrize(("system", "signal"), [("pendulum", "theta"), ("pendulum", "omega"), ("pob", "omega")])
+def test_a_noise_level_far_too_small_is_told_within_a_few_samples(system, signal):
+    mechanism, truth, _, noisy = case(system)
+    level = tune(mechanism, noisy).sigmas[signal]
+    estimator = OnlineEstimator.fit(mechanism, truth, noisy, sigmas={signal: 1e-4 * level})
+    trial = noisy.trials[0]
+    assert estimator.filter(trial)["consistent"].mean() < 0.05
+    estimator.reset()
+    told = [
+        estimator.update(t, {n: trial.signals[n][k] for n in estimator.signals}).status
+        for k, t in enumerate(trial.t[:200])
+    ]
+    assert told.count("ok") < 20 and "inconsistent" in told
+
+
+def test_a_surface_that_changes_is_noticed_within_a_quarter_of_a_second_of_sliding():
+    estimator = fitted("pob")
+    for factor in (1.0, 0.7):
+        trial, change = changing_surface(factor)
+        consistent = estimator.filter(trial)["consistent"]
+        assert consistent[:change].all()
+        assert consistent.all() if factor == 1.0 else not consistent[change + 100 :].any()
+
+
+def test_a_wild_reading_is_told_until_it_is_a_window_ago():
+    _, _, _, noisy = case("pob")
+    trial = noisy.trials[0]
+    v = trial.signals["v"].copy()
+    v[300] = 1e9
+    consistent = fitted("pob").filter(trial.with_signals(v=v))["consistent"]
+    assert consistent[:300].all() and not consistent[300 : 300 + round(400 * WINDOW)].any()
+    assert consistent[300 + round(800 * WINDOW) :].all()
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 3, 10, 100, 10000])
+def test_the_limit_is_that_of_one_in_a_million(freedom):
+    exact = chi2.isf(1e-6, freedom)
+    assert exact * 0.99 < limit(freedom) < exact * 7 / 6
+
+
+@pytest.mark.parametrize("signals", [1, 3, 6])
+@pytest.mark.parametrize("rate", [20, 100, 1000, 5000])
+def test_what_counts_as_inconsistent_does_not_depend_on_the_sampling_rate(rate, signals):
+    t = np.arange(10 * rate) / rate
+    squares = np.sum(np.random.default_rng(rate).standard_normal((len(t), signals)) ** 2, axis=1)
+    for factor, expected in ((1.0, True), (1.7, True), (10.0, False)):
+        watch = Consistency()
+        told = [watch.add(time, factor**2 * square, signals) for time, square in zip(t, squares, strict=True)]
+        assert all(told) if expected else not all(told[:rate])
+
+
+def test_samples_without_readings_are_no_evidence_and_ones_that_are_no_numbers_are():
+    watch = Consistency()
+    assert watch.add(0.0, 0.0, 0) and watch.add(0.1, 2.0, 2)
+    assert not watch.add(0.15, float("nan"), 2)
+    assert watch.add(1.0, 1.0, 2)

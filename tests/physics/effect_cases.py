@@ -72,6 +72,7 @@ def random_values(mechanism: Mechanism, seed: int) -> dict[str, float]:
     values = {s.name: rng.uniform(-0.1, 0.1) for c in system.coordinates for s in c.symbols}
     values |= {item.symbol.name: rng.uniform(-3, 3) for item in system.inputs}
     values |= {"z": rng.uniform(-1e-4, 1e-4), "zdot": rng.uniform(-1, 1), "t": rng.uniform(0.1, 2)}
+    values |= {"t_session": values["t"], "trial": 1.0}
     values |= {"age": rng.uniform(0, 1e-4), "age_dot": rng.uniform(-1, 1)}
     for par in mechanism.parameters:
         own = system.values.get(par.name, LAW_VALUES.get(par.name, par.value))

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import sympy as sp
-import yaml
 from effect_cases import (
     alone,
     cases,
@@ -24,17 +21,15 @@ from short_paths import ALL
 from frictionpinn.data.units import registry
 from frictionpinn.errors import UserError
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS, Effect
+from frictionpinn.physics.base import TRIAL
 from frictionpinn.physics.mechanism import FRICTION, Mechanism
 from frictionpinn.physics.scan import SCALES, Scan, data_scales
-
-CONF = Path(__file__).resolve().parents[2] / "conf" / "effect"
-
 
 # ---- what an effect says of itself
 
 
 def test_the_effects_are_those_that_reports_may_name():
-    assert len(EFFECTS) == 26
+    assert len(EFFECTS) == 27
     assert all(kind.name == name and issubclass(kind, Effect) for name, kind in EFFECTS.items())
 
 
@@ -92,6 +87,8 @@ def test_derivatives_at_neutral_values_are_finite_and_not_zero(name):
         mechanism = alone(name, system, law)
         values = {"presliding": 1.0} if name == "backlash" else {}  # a gap shows only where a bristle carries force
         for strength in strengths(mechanism, name):
+            if name == "trial_level":
+                values["trial"] = int(strength.rpartition("_")[2])
             symbol = getattr(mechanism.p, strength)
             expressions = (*mechanism.residuals, mechanism.friction, *mechanism.outputs.values())
             slopes = [sp.diff(expr, symbol) for expr in expressions]
@@ -131,7 +128,8 @@ def test_an_effect_is_consistent_in_its_units(name):
     for system, law in cases(name):
         mechanism = alone(name, system, law)
         force, slip = mechanism.system.force_unit, mechanism.system.slip_unit
-        units = mechanism.units | {"z": slip, "zdot": f"{slip}/s", "age": slip, "age_dot": f"{slip}/s", "t": "s"}
+        units = mechanism.units | {"z": slip, "zdot": f"{slip}/s", "age": slip, "age_dot": f"{slip}/s"}
+        units |= {"t": "s", "t_session": "s"}
         units |= {s.name: u for c in mechanism.system.moving for s, u in zip(c.symbols, c.units, strict=True)}
         units |= {item.symbol.name: item.unit for item in mechanism.system.inputs} | {FRICTION.name: force}
         values = random_values(mechanism, 0) | {FRICTION.name: 1.0}
@@ -141,28 +139,14 @@ def test_an_effect_is_consistent_in_its_units(name):
         wanted |= {expr: result[signal] for signal, expr in mechanism.outputs.items()}
         wanted |= dict.fromkeys(mechanism.residuals[len(mechanism.free) :], f"{slip}/s")
         for expr, unit in wanted.items():
-            expr = sp.sympify(expr)
+            expr = sp.sympify(expr).xreplace({TRIAL: sp.Integer(1)})
             symbols = sorted(expr.free_symbols, key=str)
             made = sp.lambdify(symbols, expr, "numpy")
             found = made(*(quantity(values[s.name], units[s.name]) for s in symbols))
             assert found.is_compatible_with(quantity(1.0, unit)), expr
 
 
-# ---- configuration
-
-
-@every_effect
-def test_the_configuration_holds_the_scans_of_the_effect(name):
-    spec = yaml.safe_load((CONF / f"{name}.yaml").read_text())
-    assert spec.pop("name") == name and set(spec) == {"scan"}
-    effect = EFFECTS[name](**spec)
-    used = set()
-    for system, law in cases(name):
-        base = plain(system, law)
-        given = effect.parameters_on(base.system, base.law)
-        assert given == EFFECTS[name]().parameters_on(base.system, base.law)
-        used |= {key for key in effect.scan for par in given if par.name.startswith(key)}
-    assert used == set(effect.scan)
+# ---- scans
 
 
 def test_scans_cover_the_data():
@@ -172,8 +156,8 @@ def test_scans_cover_the_data():
     places = Scan("place", 0.0, 1.0, 3, "linear").values(scales)
     np.testing.assert_allclose(places, [-0.1, 0.1, 0.3], atol=1e-3)
     np.testing.assert_allclose(Scan("interval", 1, 10, 2).values(scales), [0.01, 0.1])
-    with pytest.raises(UserError, match="not a scan"):
-        EFFECTS["ripple"](scan={"ripple_wavelength": {"of": "strok", "low": 1, "high": 2, "count": 3}})
+    for name, of in ((par.name, par.scan.of) for pair in ALL for par in everything(*pair).parameters if par.scan):
+        assert of in SCALES, name
 
 
 @pytest.mark.parametrize(

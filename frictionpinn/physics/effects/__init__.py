@@ -1,4 +1,4 @@
-"""The effects. A new effect is one file, one YAML in conf/effect and one line here.
+"""The effects. A new effect is one file and one line here.
 
 Their order is that in which they act: what changes the load before what scales it, the mechanism before its sensors.
 """
@@ -35,6 +35,7 @@ from .sensor_scale import SensorScale
 from .spring_force import SpringForce
 from .stribeck import StribeckEffect
 from .stribeck_shape import StribeckShape
+from .trial_level import TrialLevel
 from .vibration import Vibration
 from .viscous import Viscous
 
@@ -50,6 +51,7 @@ EFFECTS: dict[str, type[Effect]] = {
         PositionFriction,
         Ripple,
         Drift,
+        TrialLevel,
         Dwell,
         Presliding,
         Backlash,

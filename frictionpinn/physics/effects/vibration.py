@@ -9,6 +9,8 @@ from ..scan import Scan
 class Vibration(Effect):
     """F = F_law + vibration_sin sin(2 pi f t) + vibration_cos cos(2 pi f t) with f = vibration_frequency.
 
+    t is the time of each trial as recorded: pauses between trials are seldom known to a fraction of a period.
+
     Units: amplitudes in the system's unit of force, vibration_frequency in Hz.
     Neutral: vibration_sin = 0, vibration_cos = 0.
     Occurs: with machines nearby, unbalanced rotors, mains hum.
