@@ -31,7 +31,10 @@ MASSES = {"pob": ("m_b", "m_L"), "sdob": ("m_1", "m_2"), "drive": ("M",), "pendu
 SLIP = {"pendulum": ("theta", "omega", "alpha")}  # of the others x, v, a
 BIASED = {"pob": ("v", "a", "theta", "alpha"), "sdob": ("v", "a"), "drive": ("v", "a"),
           "pendulum": ("theta", "omega", "alpha")}  # fmt: skip
-SHARED = {"pob": ("theta", "omega", "alpha"), "sdob": ("y", "v_y", "a_y")}  # sensor of a coordinate beside the slip's
+# One encoder's signals, as the package names them together (it has no use for a_y).
+TOGETHER = {"x_v_a": ("x", "v", "a"), "theta_omega_alpha": ("theta", "omega", "alpha"), "y_v_y": ("y", "v_y", "a_y")}
+ENCODERS = {"pob": ("x_v_a", "theta_omega_alpha"), "sdob": ("x_v_a", "y_v_y"), "drive": ("x_v_a",),
+            "pendulum": ("theta_omega_alpha",)}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -65,31 +68,34 @@ SHAPES = ("spring_rest", "vibration_frequency", "load_reference")
 
 
 def _per_signal(values: dict[str, float], prefix: str):
-    """Signals that a sensor's parameter names, one or all of a coordinate (theta_omega_alpha, y_v_y_a_y)."""
-    groups = [("x", "v", "a"), ("theta", "omega", "alpha"), ("y", "v_y", "a_y")]
+    """Signals that a sensor's parameter names, one or all of a coordinate."""
     for name, value in values.items():
         if name.startswith(prefix):
             key = name.removeprefix(prefix)
-            for signal in next((g for g in groups if "_".join(g) == key), (key,)):
+            for signal in TOGETHER.get(key, (key,)):
                 yield signal, value
 
 
-def draw_effects(rng: np.random.Generator, kind: str, truth: dict[str, float]) -> Undeclared:
-    """Names, signs and shapes; each size is the share of the friction force that :func:`sized` turns into a value."""
+def effects_on(kind: str) -> tuple[str, ...]:
+    """Effects that can act on a system: an exponent of the load only where that varies."""
+    return tuple(name for name in NAMED if name != "load_exponent" or kind in ("pob", "sdob"))
+
+
+def draw_effects(rng: np.random.Generator, kind: str, chosen: tuple[str, ...] | None = None) -> Undeclared:
+    """Names (unless chosen), signs and shapes; each size is the share that :func:`sized` turns into a value."""
     chance = rng.random()
-    names = [name for name in NAMED if name != "load_exponent" or kind in ("pob", "sdob")]
     count = 0 if chance < CLEAN else 1 if chance < SINGLE else 2
-    chosen = tuple(str(n) for n in rng.choice(names, count, replace=False))
+    drawn = tuple(str(n) for n in rng.choice(effects_on(kind), count, replace=False))
+    chosen = drawn if chosen is None else chosen
     values: dict[str, float] = {}
     for name in chosen:
         parameter, signed = NAMED[name]
         slip = SLIP.get(kind, ("x", "v", "a"))
-        together = ["_".join(slip), *(["_".join(SHARED[kind])] if kind in SHARED else [])]
         parameter += {
             "payload": rng.choice(MASSES[kind]),
             "sensor_bias": rng.choice(BIASED[kind]),
-            "sensor_scale": rng.choice([*slip[1:], *together]),
-            "sensor_delay": rng.choice(together),
+            "sensor_scale": rng.choice([*slip[1:], *ENCODERS[kind]]),
+            "sensor_delay": rng.choice(ENCODERS[kind]),
         }.get(name, "")  # fmt: skip
         values[parameter] = rng.uniform(*SHARE) * (rng.choice([-1, 1]) if signed else 1)
         if name == "vibration":
