@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import resource
 import subprocess
 import sys
 import tempfile
@@ -39,6 +40,7 @@ from frictionpinn.identify import Problem, bound, maximum_likelihood
 from frictionpinn.identify.likelihood import with_bristle
 from frictionpinn.identify.result import plain
 from frictionpinn.identify.solve import levenberg_marquardt
+from frictionpinn.identify.trial import TrialModel
 from frictionpinn.numerics.simulate import ContactLost, SimulationFailed
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
@@ -64,23 +66,41 @@ def about(case: Case) -> dict:
     }  # fmt: skip
 
 
-def cost_from_truth(problem: Problem, truth: dict[str, float], sigmas: dict[str, float]) -> float:
-    """Cost, at these noise levels, of the Levenberg-Marquardt fit that starts at the truth; NaN where it fails."""
-    p = np.array([truth[name] for name in problem.names])
+def cost_from_truth(problem: Problem, case: Case, sigmas: dict[str, float]) -> tuple[float, float]:
+    """Cost at the truth, its initial states and paths included, and of the Levenberg-Marquardt fit that starts there.
+
+    Both at these noise levels; NaN where the package cannot simulate the truth.
+    """
+    p = np.array([case.truth[name] for name in problem.names])
     space = problem.space  # whose default bounds may exclude the truth
     problem.space = replace(space, low=np.minimum(space.low, p), high=np.maximum(space.high, p))
     u = problem.space.to_search(p)
     try:
         models = with_bristle(problem, u)
         evaluate = _evaluator(problem, models, sigmas)
-        first = evaluate(u, [model.local[: model.size(problem.joint)] for model in models], True)
+        locals_ = [_true_local(model, case, sigmas)[: model.size(problem.joint)] for model in models]
+        first = evaluate(u, locals_, True)
         if first is None:
-            return np.nan
-        return levenberg_marquardt(evaluate, first, problem.space.limits, iterations=60).state.cost
+            return np.nan, np.nan
+        return first.cost, levenberg_marquardt(evaluate, first, problem.space.limits, iterations=100).state.cost
     except (ContactLost, SimulationFailed):
-        return np.nan
+        return np.nan, np.nan
     finally:
         problem.space = space
+
+
+def _true_local(model: TrialModel, case: Case, sigmas: dict[str, float]) -> np.ndarray:
+    """True initial states, the bristle's as its force, and the coefficients closest to the true inputs."""
+    trial = next(t for t in case.clean.trials if t.name == model.trial.partition("[")[0])
+    here = np.searchsorted(trial.t, model.t[0]) + np.arange(len(model.t))
+    states = trial.signals | {"z": trial.truth["z"] * case.truth.get("sigma_0", 1.0)}
+    paths = [
+        item.basis.fit(
+            np.stack([trial.signals[n][here] for n in item.names]), np.array([sigmas[n] for n in item.names])
+        )[0]
+        for item in model.inputs
+    ]
+    return np.concatenate([[states[name][here[0]] for name in model.states], *paths])
 
 
 def _evaluator(problem: Problem, models, sigmas: dict[str, float]) -> Callable:
@@ -108,7 +128,7 @@ def identify(seed: int) -> dict:
     problem = Problem(declared(case), case.recording)
     estimate = maximum_likelihood(problem)
     seconds, processor_s = time.perf_counter() - began, time.process_time() - processor
-    reference = cost_from_truth(problem, case.truth, estimate.sigmas)
+    there, reference = cost_from_truth(problem, case, estimate.sigmas)
     ended = estimate.details.get("values", {})
     return result | {
         "outcome": estimate.outcome, "advice": list(estimate.advice),
@@ -118,7 +138,8 @@ def identify(seed: int) -> dict:
         "ci95": {n: [plain(x) for x in ends] for n, ends in estimate.ci95.items()},
         "inside": {n: low <= case.truth[n] <= high for n, (low, high) in estimate.ci95.items() if np.isfinite(low)},
         "distance": {n: plain((estimate.values[n] - case.truth[n]) / estimate.std[n]) for n in estimate.names},
-        "bound": least_errors(case), "cost": plain(estimate.cost), "cost_from_truth": plain(reference),
+        "bound": least_errors(case), "cost": plain(estimate.cost), "cost_at_truth": plain(there),
+        "cost_from_truth": plain(reference),
         "sigmas": {n: estimate.sigmas[n] / s for n, s in case.sigmas.items() if n in estimate.sigmas and s > 0},
         "simulations": estimate.n_simulations, "seconds": seconds, "processor_s": processor_s,
     }  # fmt: skip
@@ -140,18 +161,19 @@ def diagnose(seed: int) -> dict:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.csv"
         write_csv(case, path)
-        began = time.perf_counter()
         command = [sys.executable, str(ROOT / "diagnose.py"), f"system={case.system}", f"friction={case.law}"]
         command += [f"system.parameters.{name}={value!r}" for name, value in case.parameters.items()]
         command += ["data=csv", f"data.path={path}", f"data.held_out=[{','.join(case.held_out)}]"]
         command += [f"hydra.run.dir={folder}/out"]
+        began, processor = time.perf_counter(), _children_s()
         try:
             done = subprocess.run(command, capture_output=True, text=True, cwd=folder, check=False, timeout=LONGEST_S)
+            failed = done.stderr.strip().splitlines()[-3:] if done.returncode else []
         except subprocess.TimeoutExpired:
-            return result | {"failed": ["timeout"], "seconds": float(LONGEST_S)}
-        seconds = time.perf_counter() - began
-        if done.returncode:
-            return result | {"failed": done.stderr.strip().splitlines()[-3:], "seconds": seconds}
+            failed = ["timeout"]
+        result |= {"seconds": time.perf_counter() - began, "processor_s": _children_s() - processor}
+        if failed:
+            return result | {"failed": failed}
         answer = json.loads((Path(folder) / "out" / "result.json").read_text())
     found, known = answer["parameters"], case.truth | case.values
     return result | {
@@ -163,8 +185,14 @@ def diagnose(seed: int) -> dict:
         "depends_on": (answer["unexplained"] or {}).get("depends_on"),
         "error": {k: answer["error"][k] for k in ("before", "after", "noise_floor")},
         "errors": {n: e["after"] / e["noise_floor"] for n, e in answer["errors"].items() if e["noise_floor"]},
-        "diagnosis_s": answer["seconds"], "seconds": seconds,
+        "diagnosis_s": answer["seconds"],
     }  # fmt: skip
+
+
+def _children_s() -> float:
+    """Processor time of the programs that were run so far."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def main() -> None:

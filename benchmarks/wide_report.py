@@ -92,7 +92,7 @@ def _identify(cases: list[dict]) -> dict[str, str]:
         rows[f"inside 95 %, {law}"] = _inside(own, NAMES)
         rows[f"inside 95 %, {law}, not behind"] = _inside([c for c in own if c not in lost], NAMES)
     rows |= {f"outcome: {k}": str(n) for k, n in Counter(c["outcome"] for c in good).most_common()}
-    return rows | _times([c["seconds"] for c in good]) | {"processor s, median": _median(good, "processor_s")}
+    return rows | _times(good)
 
 
 def _identified(case: dict) -> str:
@@ -166,7 +166,7 @@ def _diagnose(cases: list[dict]) -> dict[str, str]:
     for system in sorted({c["system"] for c in cases if "system" in c}):
         own = [c for c in cases if c.get("system") == system]
         rows[f"right: {system}"] = _share(sum(map(right, own)), len(own))
-    return rows | _times([c["seconds"] for c in cases if "seconds" in c])
+    return rows | _times(cases)
 
 
 def _diagnosed(case: dict) -> str:
@@ -205,15 +205,13 @@ def _inside(cases: list[dict], names) -> str:
     return _share(sum(told), len(told))
 
 
-def _times(seconds: list[float]) -> dict[str, str]:
-    if not seconds:
-        return {}
-    told = (np.median(seconds), np.quantile(seconds, 0.9), max(seconds))
-    return {"s: median, nine of ten, longest": ", ".join(f"{s:.0f}" for s in told)}
-
-
-def _median(cases: list[dict], key: str) -> str:
-    return f"{np.median([c[key] for c in cases]):.0f}" if cases else ""
+def _times(cases: list[dict]) -> dict[str, str]:
+    rows = {}
+    for key, what in (("seconds", "wall"), ("processor_s", "processor")):
+        s = [c[key] for c in cases if key in c]
+        told = (np.median(s), np.quantile(s, 0.9), max(s)) if s else ()
+        rows[f"{what} s: median, nine of ten, longest"] = ", ".join(f"{x:.0f}" for x in told)
+    return rows
 
 
 def _ranges(seeds: set[int]) -> str:
