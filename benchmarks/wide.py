@@ -33,6 +33,7 @@ import numpy as np
 import pandas as pd
 from wide_draw import ROOT, Case, draw
 from wide_effects import SHAPES
+from wide_report import report
 
 from frictionpinn.data.recording import Recording
 from frictionpinn.errors import UserError
@@ -195,20 +196,12 @@ def _children_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    mode = parser.add_mutually_exclusive_group(required=True)
-    mode.add_argument("--identify", action="store_true")
-    mode.add_argument("--diagnose", action="store_true")
-    parser.add_argument("--seeds", type=int, nargs=2, default=(1000, 1040), help="first, and one beyond the last")
-    parser.add_argument("--label", default="now")
-    parser.add_argument("--minutes", type=float, default=np.inf, help="no case is begun later")
-    args = parser.parse_args()
-    name, run = ("identify", identify) if args.identify else ("diagnose", diagnose)
-    path, began = RESULTS / f"wide_{name}_{args.label}.json", time.monotonic()
+def score(mode: str, run: Callable[[int], dict], seeds: range, label: str, minutes: float) -> None:
+    """Run the seeds that have no result yet, and write each as it comes."""
+    path, began = RESULTS / f"wide_{mode}_{label}.json", time.monotonic()
     done = json.loads(path.read_text()) if path.exists() else []
-    for seed in sorted(set(range(*args.seeds)) - {c["seed"] for c in done}):
-        if time.monotonic() - began > 60 * args.minutes:
+    for seed in sorted(set(seeds) - {c["seed"] for c in done}):
+        if time.monotonic() - began > 60 * minutes:
             break
         try:
             case = run(seed)
@@ -216,11 +209,24 @@ def main() -> None:
             case = {"seed": seed, "failed": [str(error)]}
         done.append(case)
         path.write_text(json.dumps(done, indent=1))
-        print(seed, *(case.get(key, "") for key in ("system", "law", "outcome", "true_effects", "verdict", "effects",
-              "alike", "failed", "seconds")), flush=True)  # fmt: skip
-    from wide_report import report
+        shown = ("system", "law", "outcome", "true_effects", "verdict", "effects", "alike", "failed", "seconds")
+        print(seed, *(case[key] for key in shown if key in case), flush=True)
+    print(report(mode, [label]))
 
-    report(name, [args.label])
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    mode = parser.add_mutually_exclusive_group()
+    mode.add_argument("--identify", action="store_true")
+    mode.add_argument("--diagnose", action="store_true")
+    parser.add_argument("--seeds", type=int, nargs=2, default=(1000, 1040), help="first, and one beyond the last")
+    parser.add_argument("--label", default="now")
+    parser.add_argument("--minutes", type=float, default=np.inf, help="no case is begun later")
+    args = parser.parse_args()
+    if not args.diagnose:
+        score("identify", identify, range(*args.seeds), args.label, args.minutes)
+    if not args.identify:
+        score("diagnose", diagnose, range(*args.seeds), args.label, args.minutes)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Tables of benchmarks/wide.py: one label, or two beside each other on the seeds that both have.
 
     python benchmarks/wide_report.py identify before [after]
-    python benchmarks/wide_report.py diagnose before [after]
+    python benchmarks/wide_report.py diagnose before [after]      (without arguments: every file of results)
 
 Writes benchmarks/results/wide_<mode>_<label>.txt, or wide_<mode>_<before>_<after>.txt.
 """
@@ -221,4 +221,9 @@ def _ranges(seeds: set[int]) -> str:
 
 
 if __name__ == "__main__":
-    print(report(sys.argv[1], sys.argv[2:]))
+    asked = [(sys.argv[1], sys.argv[2:])] if sys.argv[1:] else []
+    for path in [] if asked else sorted(RESULTS.glob("wide_*_*.json")):
+        _, mode, label = path.stem.split("_", 2)
+        asked.append((mode, [label]))
+    for mode, labels in asked:
+        print(report(mode, labels))
