@@ -1,0 +1,47 @@
+"""The generator of benchmarks/wide.py: reproducible, in contact, sliding, and noisy as it says."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+
+from wide_draw import MOST_SAMPLES, SLIDES, draw
+
+
+@pytest.fixture(scope="module", params=[12, 22])
+def seed(request):
+    return request.param
+
+
+def test_a_seed_draws_the_same_recording_again(seed):
+    first, second = draw(seed), draw(seed)
+    for a, b in zip(first.recording.trials, second.recording.trials, strict=True):
+        assert all(np.array_equal(a.signals[name], b.signals[name]) for name in a.signals)
+
+
+def test_motion_keeps_contact_and_slides(seed):
+    case = draw(seed, effects=False)
+    assert 3 <= len(case.clean.trials) <= 10 and len(case.clean) <= MOST_SAMPLES
+    for trial in case.clean.trials:
+        v = np.abs(trial.truth["v_slip"])
+        assert trial.truth["normal_force"].min() > 0 and np.mean(v > 0.02 * v.max()) >= SLIDES
+
+
+def test_noise_has_the_size_that_is_said(seed):
+    case = draw(seed)
+    for name, sigma in case.sigmas.items():
+        clean, noisy = (np.concatenate([t.signals[name] for t in r.trials]) for r in (case.clean, case.recording))
+        assert np.std(noisy - clean) == pytest.approx(sigma, rel=0.1)
+        assert sigma >= case.level * np.std(clean)
+
+
+def test_effects_leave_mechanism_and_excitation_as_they_are(seed):
+    clean, other = draw(seed, effects=False), draw(seed, effects=("drag", "drift"))
+    assert clean.truth == other.truth and clean.parameters == other.parameters and clean.effects == ()
+    assert set(other.values) == {"drag", "drift"}
+    pairs = [(a.truth["friction_force"], b.truth["friction_force"])
+             for a, b in zip(clean.clean.trials, other.clean.trials, strict=True)]  # fmt: skip
+    assert all(len(a) == len(b) and not np.array_equal(a, b) for a, b in pairs)
