@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from ..data.recording import Recording
-from ..identify.explore import explore, moved
+from ..identify.descent import cycled, resolutions
 from ..identify.likelihood import maximum_likelihood
+from ..identify.minima import moved
 from ..identify.prior import Prior
 from ..identify.problem import Problem, in_parallel
 from ..identify.result import FAILED
@@ -247,7 +248,8 @@ class Bench:
         """The lowest minimum that restarts around the fit find."""
         problem = self.problem_of(self.problem, fit.names, fit.values, fit.models[0].simulator)
         evaluate = self._evaluator(problem, fit.models, fit.sigmas)
-        minima = explore(evaluate, Solution(fit.state, 0, 0, KNOWN), problem.space.limits)
+        found, limits = Solution(fit.state, 0, 0, KNOWN), problem.space.limits
+        minima = cycled(evaluate, found, limits, resolutions(self.problem))
         state = minima[0].state
         return replace(fit, values=problem.values(state.u), state=state, minima=tuple(minima), searched=True)
 

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from ..identify.advice import invert
-from ..identify.explore import information_of
 from ..identify.loss import Loss
+from ..identify.minima import information_of
 from ..identify.solve import Solution, State, reduced
 from ..identify.trial import TrialModel
 

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..identify.explore import explore
+from ..identify.descent import coarse_to_fine, cycled, resolutions
 from ..identify.likelihood import with_bristle
 from ..identify.parallel import in_parallel
 from ..identify.problem import Problem
@@ -42,8 +42,10 @@ def check(bench: Bench, fit: Fit) -> Fit | None:
     found = checking(bench, fit)
     if found is None:
         return None
-    _, models, first, evaluate = found
-    solution = levenberg_marquardt(evaluate, first, (first.u, first.u), **REFIT)
+    problem, models, first, evaluate = found
+    solution = coarse_to_fine(evaluate, first, (first.u, first.u), resolutions(problem))
+    if solution is None:
+        return None
     return Fit(fit.names, fit.values, models, solution.state, fit.sigmas)
 
 
@@ -140,7 +142,8 @@ def surprise(bench: Bench, fit: Fit) -> float | None:
         return None if state is None else _known(state, S, at)
 
     solution = levenberg_marquardt(evaluate, _known(first, S, at), problem.space.limits, **REFIT)
-    state = explore(evaluate, solution, problem.space.limits)[0].state  # a slip a little early or late makes minima
+    # A slip a little early or late makes minima.
+    state = cycled(evaluate, solution, problem.space.limits, resolutions(problem))[0].state
     if not state.curved:
         return None
     change = np.linalg.slogdet(reduced(state)[0])[1] - np.linalg.slogdet(S)[1]

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from .advice import advise, correlation_time, invert, lowest, untold, widening
-from .explore import information_of
+from .minima import information_of
 from .problem import Problem
 from .profile import profiled
 from .result import AT_BOUND, CONVERGED, FAILED, NO_EXCITATION, STOPPED, UNEXPLAINED, UNIDENTIFIED, Estimate, interval
@@ -67,7 +67,7 @@ def finish(
 ) -> Estimate:
     """Assemble the estimate from where the search ended.
 
-    ``minima`` are what ``explore`` found, ``beside`` points where the data may tell less: both widen the intervals.
+    ``minima`` are what was found, ``beside`` points where the data may tell less: both widen the intervals.
     These are those of the data alone, without the prior: from the likelihood's curvature where a parameter is told to
     ``SHARP`` of itself, else from its profile, to one side or to both.
     """
@@ -105,7 +105,11 @@ def finish(
     at_bound = {name: value for name, value in at_bound.items() if name in problem.bounded}
     told = {n: ends for n, ends in ci95.items() if positive[space.names.index(n)] and n not in at_bound}
     outcome = CONVERGED if solution.reason in ("converged", "stuck") else STOPPED
-    open_ended = [n for n, ends in told.items() if not (np.isfinite(ends[1]) and ends[0] > lowest(space, p, n))]
+    open_ended = [
+        n
+        for n, (low_end, high_end) in told.items()
+        if low_end <= lowest(space, p, n) and (np.isinf(high_end) or space.below[space.names.index(n)] >= 0)
+    ]
     outcome = outcome if white else UNEXPLAINED
     outcome = AT_BOUND if at_bound else UNIDENTIFIED if mask.any() or open_ended else outcome
     outcome = NO_EXCITATION if not slides or mask.all() else outcome

@@ -25,7 +25,8 @@ from ..errors import UserError
 from ..numerics.simulate import ContactLost, SimulationFailed
 from ..physics.mechanism import Mechanism
 from .assemble import estimated_sigmas, failed, finish
-from .explore import ENOUGH, NEAR, explore, neighbours, returned
+from .descent import FINE, coarse_to_fine, cycled, resolutions
+from .minima import neighbours, returned
 from .problem import Problem
 from .result import Estimate
 from .solve import Evaluate, Solution, State, levenberg_marquardt
@@ -35,6 +36,7 @@ from .whiteness import SIGNIFICANCE, whiteness
 
 MOST_WINDOWS = 80  # that the search for a start simulates
 RIVAL = 15.0  # log-likelihood: a start that is worse by more is not tried on the whole trials
+NEAR = 4.0  # log-likelihood at the coarsest resolution: another start that is as near is followed as well
 ELSEWHERE = 0.1  # in log u: starts that are closer are the same
 ROUGH: dict[str, Any] = {
     "rtol": 1e-4,
@@ -44,9 +46,6 @@ REACH = 2.0  # times the largest friction force: how far from zero the initial b
 MISFIT = 20.0  # times the noise by differences: residuals over windows that are larger set the level
 GIVEN = "as given"  # a start that is fitted even where it looks poor over windows
 NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
-COARSEST = 0.25  # of the usual time between two peaks of the slip velocity: a stop is placed better than that
-FINER = 2.0  # factor from one resolution to the next: a minimum lies well within the basin of the next
-COARSE: dict[str, Any] = {"iterations": 20, "decrease": 0.1}  # of a search at a coarse resolution
 
 Found = tuple[Solution, tuple[TrialModel, ...]]  # where a search ended, and the models of the trials there
 
@@ -59,46 +58,6 @@ def windows_of(problem: Problem) -> tuple[TrialModel, ...]:
         chosen = np.random.default_rng(0).choice(len(windows), MOST_WINDOWS, replace=False)
         windows = [windows[k] for k in sorted(chosen)]
     return tuple(windows)
-
-
-def resolutions(problem: Problem) -> list[float]:
-    """Resolutions in time, s, from the coarsest to the single sample (0)."""
-    times = np.concatenate([np.diff(motion.model.t[motion.edges]) for motion in problem.motions])
-    interval = min(float(np.median(np.diff(model.t))) for model in problem.trials)
-    coarsest = COARSEST * float(np.median(times))
-    count = 1 + int(np.log(max(coarsest / interval, 1.0)) / np.log(FINER))
-    return [*(coarsest / FINER**k for k in range(count)), 0.0]
-
-
-def coarse_to_fine(
-    problem: Problem,
-    models: Sequence[TrialModel],
-    first: State,
-    sigmas: Mapping[str, float],
-    widths: Sequence[float] | None = None,
-) -> Solution | None:
-    """Follow the minimum from the coarsest resolution in time to the single sample.
-
-    Args:
-        problem: whose parameters are sought.
-        models: of its trials.
-        first: unknowns to start from.
-        sigmas: noise standard deviations, SI units.
-        widths: resolutions, s, coarsest first; by default :func:`resolutions`.
-
-    Returns:
-        the minimum at the last one; None where the model cannot be simulated at the start.
-    """
-    found, state = None, first
-    for width in resolutions(problem) if widths is None else widths:
-        evaluate = problem.evaluator(models, sigmas, width=width)
-        begun = evaluate(state.u, state.locals, True)
-        if begun is None:
-            return found
-        options = COARSE if width else {"iterations": 20, "decrease": ENOUGH}
-        found = levenberg_marquardt(evaluate, begun, problem.space.limits, **options)
-        state = found.state
-    return found
 
 
 def find_start(
@@ -184,7 +143,8 @@ def _whole(
         except (ContactLost, SimulationFailed):
             continue
         locals_ = tuple(model.local[: model.size(problem.joint)] for model in models)
-        found = coarse_to_fine(problem, models, State(start.state.u, locals_, ()), sigmas, widths[:1])
+        begin = State(start.state.u, locals_, ())
+        found = coarse_to_fine(problem.evaluator(models, sigmas), begin, problem.space.limits, widths[:1])
         if found is not None:
             begun.append((found, models))
     begun.sort(key=lambda pair: pair[0].state.cost)
@@ -193,7 +153,8 @@ def _whole(
         first = begun[0][0].state
         if k and (coarse.state.cost > first.cost + NEAR or _alike(coarse.state, first)):
             continue
-        found = coarse_to_fine(problem, models, coarse.state, sigmas, widths[1:]) or coarse
+        evaluate = problem.evaluator(models, sigmas)
+        found = coarse_to_fine(evaluate, coarse.state, problem.space.limits, widths[1:]) or coarse
         if best is None or found.state.cost < best[0].state.cost:
             best = found, models
     return best
@@ -217,7 +178,8 @@ def _ringing(problem: Problem, sigmas: Mapping[str, float], best: Found) -> Foun
     except (ContactLost, SimulationFailed):
         return best
     locals_ = tuple(model.local[: model.size(problem.joint)] for model in models)
-    found = coarse_to_fine(problem, models, State(starts[0].state.u, locals_, ()), sigmas, [0.0])
+    begin = State(starts[0].state.u, locals_, ())
+    found = coarse_to_fine(problem.evaluator(models, sigmas), begin, problem.space.limits, [0.0])
     return (found, models) if found is not None and found.state.cost < best[0].state.cost else best
 
 
@@ -271,7 +233,8 @@ def maximum_likelihood(
     solution, models = best
     minima = [solution]
     if thorough:
-        minima = explore(problem.evaluator(models, sigmas), solution, problem.space.limits)
+        evaluate = problem.evaluator(models, sigmas)
+        minima = cycled(evaluate, solution, problem.space.limits, resolutions(problem))
         solution = minima[0]
     estimated = len(problem.given) < len(problem.sigmas)
     if not estimated:
@@ -286,8 +249,7 @@ def maximum_likelihood(
         if first is None:
             break
         last = change < SETTLED or not left
-        precision: dict[str, Any] = {} if last else {"decrease": ENOUGH}
-        solution = levenberg_marquardt(evaluate, first, problem.space.limits, iterations=20, **precision)
+        solution = levenberg_marquardt(evaluate, first, problem.space.limits, **({"iterations": 20} if last else FINE))
         if last:
             break
     beside: list[State] = []
