@@ -13,6 +13,7 @@ import numpy as np
 from ..data.recording import Recording
 from ..identify.explore import explore, moved
 from ..identify.likelihood import maximum_likelihood
+from ..identify.prior import Prior
 from ..identify.problem import Problem, in_parallel
 from ..identify.result import FAILED
 from ..identify.solve import KNOWN, Evaluate, Solution, levenberg_marquardt, reduced
@@ -140,6 +141,7 @@ class Bench:
         )
         made.shapes = ()
         made.names = made.space.names
+        made.prior = Prior.of(made.space, {**values, **problem.start}, made.fixed)
         return made
 
     @cached_property
