@@ -45,7 +45,8 @@ class Diagnosis:
         values: name -> estimate of the augmented model, SI units; ``ci95`` its 95 % intervals (NaN
             where the data do not tell it), ``units`` its units.
         declared: the declared model's estimate.
-        errors: signal -> {quantity, unit, before, after, noise_floor} on ``scored``.
+        errors: signal -> rms errors and errors beyond the noise on ``scored``, see
+            :func:`frictionpinn.diagnose.errors.compare`.
         scored: "held-out trials", or "fitted trials" where there are none held out.
         noise: signal -> noise standard deviation, SI units.
         coloured: signals whose noise is correlated in time.
@@ -76,7 +77,7 @@ class Diagnosis:
 
     @property
     def main(self) -> str:
-        """The signal by which the error is quoted first."""
+        """The signal by which the error is quoted first: that which shows the improvement best."""
         return main_signal(self.bench.mechanism.system, self.errors)
 
     @cached_property

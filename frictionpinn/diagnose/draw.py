@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,6 +14,7 @@ from ..evaluate.picture import save_png
 from ..evaluate.style import INK
 from .diagnosis import FOUND, NOTHING, Diagnosis
 from .errors import FORCE
+from .floor import RESIDUAL
 from .scan import Scanned
 
 MOST_TRIALS, MOST_BARS = 3, 12
@@ -37,8 +40,7 @@ def draw(folder: Path, d: Diagnosis) -> list[Path]:
 def headline(d: Diagnosis) -> str:
     """The verdict in one sentence, with the error before and after."""
     entry = d.errors[d.main]
-    change = (f"{entry['quantity']} on {d.scored}: {entry['before']:.3g} {entry['unit']} before, {entry['after']:.3g} "
-              f"after, noise {entry['noise_floor']:.3g}")  # fmt: skip
+    change = beyond(d, entry)
     if entry.get("outliers_left_out"):
         change += f" ({entry['outliers_left_out']} outliers left out)"
     if d.verdict == FOUND:
@@ -51,6 +53,31 @@ def headline(d: Diagnosis) -> str:
         names = " and ".join(name_of(d, k) for k in range(len(d.accepted)))
         return f"Missing: {names}; and beyond them {kind} that depends on {_words(d)}, which no name fits. {change}"
     return f"Something is missing that none of the names fits: {kind} that depends on {_words(d)}. {change}"
+
+
+def beyond(d: Diagnosis, entry: Mapping[str, Any]) -> str:
+    """The error beyond the noise, before and after, in words."""
+    what = entry["quantity"].replace("rms error of", "error of")
+    old, new = (in_words(entry[key]) for key in ("excess_before", "excess_after"))
+    return (f"{what[0].upper()}{what[1:]} beyond the noise, {d.scored}, {entry['unit']}: {old} before, {new} after; "
+            f"{noise_in_words(entry)}")  # fmt: skip
+
+
+def in_words(told: Mapping[str, Any]) -> str:
+    """A value with its 95 % interval."""
+    return f"{told['value']:.3g} ({told['ci95'][0]:.3g} to {told['ci95'][1]:.3g})"
+
+
+def noise_in_words(entry: Mapping[str, Any]) -> str:
+    """The noise, where its level is known from, and what else it may be."""
+    if entry["noise_from"] == RESIDUAL:
+        text = f"the model's own residual is taken for the noise, {entry['noise_floor']:.3g}"
+        other = "neighbouring samples differ by"
+    else:
+        text, other = f"noise floor {entry['noise_floor']:.3g}, from {entry['noise_from']}", "the model leaves"
+    if entry["noise_other"] is None:
+        return text
+    return f"{text} ({other} {entry['noise_other']:.3g}: noise correlated in time, or a model far off)"
 
 
 def name_of(d: Diagnosis, k: int) -> str:
@@ -80,25 +107,30 @@ def _words(d: Diagnosis) -> str:
 
 
 def error_figure(d: Diagnosis) -> Figure:
-    """Error over the noise floor, before and after, of every signal."""
+    """Error beyond the noise, before and after, of every signal, with 95 % intervals."""
     names = list(d.errors)
-    figure = Figure(figsize=(8, 1.6 + 0.45 * len(names)), layout="constrained")
+    figure = Figure(figsize=(8, 1.8 + 0.5 * len(names)), layout="constrained")
     axes = figure.subplots()
     place = np.arange(len(names))
-    for k, (key, color) in enumerate((("before", INK["baseline"]), ("after", INK["model"]))):
-        ratio = [d.errors[n][key] / max(d.errors[n]["noise_floor"], 1e-300) for n in names]
+    clear = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.6}
+    for k, (key, color) in enumerate((("excess_before", INK["baseline"]), ("excess_after", INK["model"]))):
+        floors = np.array([max(d.errors[n]["noise_floor"], 1e-300) for n in names])
+        value = np.array([d.errors[n][key]["value"] for n in names]) / floors
+        low, high = (np.array([d.errors[n][key]["ci95"][i] for n in names]) / floors for i in (0, 1))
         label = "declared model" if k == 0 else "augmented model"
-        bars = axes.barh(place + 0.4 * k, ratio, 0.38, color=color, label=label)
-        labels = [f"{d.errors[n][key]:.3g} {d.errors[n]['unit']}" for n in names]
-        clear = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.6}  # where the dashed line is near
-        axes.bar_label(bars, labels, padding=4, fontsize=8, bbox=clear)
-    axes.axvline(1.0, color=INK["reference"], lw=1, ls="--", label="noise floor")
+        axes.barh(place + 0.4 * k, value, 0.38, color=color, label=label)
+        reach = np.maximum([value - low, high - value], 0.0)
+        axes.errorbar(value, place + 0.4 * k, xerr=reach, fmt="none", ecolor=INK["reference"], lw=1.2, capsize=3)
+        for n, y, end in zip(names, place + 0.4 * k, np.maximum(high, value), strict=True):
+            text = f"{d.errors[n][key]['value']:.3g} {d.errors[n]['unit']}"
+            axes.annotate(text, (end, y), (5, 0), textcoords="offset points", va="center", fontsize=8, bbox=clear)
     axes.set_yticks(place + 0.2, [n.replace("_", " ") for n in names])
     axes.invert_yaxis()
     axes.margins(x=0.2)
-    axes.set_xlabel(f"rms error over the noise floor, {d.scored}")
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel(f"error beyond the noise, in multiples of the noise, {d.scored} (whiskers: 95 %)")
     axes.set_title(textwrap.fill(_short(d), 80), fontsize=11)
-    figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=3)
+    figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=2)
     return figure
 
 

@@ -32,7 +32,7 @@ details {margin: 1rem 0}
 {{ r.model.declared | join(", ") }}{% endif %}. Fitted to trials {{ r.data.fitted | join(", ") }};
 {% if r.data.held_out %}held out, seen by no fit: {{ r.data.held_out | join(", ") }}{% else %}no trial could be held
 out: errors are those of the fitted trials{% endif %}. {{ r.declared.outcome | capitalize }}.</p>
-{{ figure("error", "Error of the simulation over the noise, before and after.") }}
+{{ figure("error", "Error beyond the noise, before and after, with 95 % intervals.") }}
 {{ figure("proof", "A line that climbs: second by second the recording speaks for what was added.") }}
 {% if r.effects %}<h2>What was added</h2>
 <table><tr><th>effect</th><th>parameter</th><th>value</th><th>95 % interval</th>
@@ -69,13 +69,22 @@ saved model; no more is known of it than the variable.</p>{% endif %}
 <td>{{ span(p.before.ci95) if p.before }}</td>
 <td>{{ number(p.value) }}</td><td>{{ span(p.ci95) }}</td></tr>{% endfor %}</table>
 <h2>Error before and after, {{ r.error.on }}</h2>
-<table><tr><th>quantity</th><th>before</th><th>after</th><th>noise floor</th></tr>
+<table><tr><th>quantity</th><th>beyond the noise, before</th><th>after</th><th>rms before</th><th>after</th>
+<th>noise</th><th class="text">known from</th></tr>
 {% for e in r.errors.values() %}<tr><td>{{ e.quantity }} ({{ e.unit }}){{
-", %d outliers left out" | format(e.outliers_left_out) if e.outliers_left_out }}</td><td>{{ number(e.before) }}</td>
-<td>{{ number(e.after) }}</td><td>{{ number(e.noise_floor) }}</td></tr>{% if e.relative %}
-<tr><td>the same, relative</td>
+", %d outliers left out" | format(e.outliers_left_out) if e.outliers_left_out }}</td>
+{% for told in (e.excess_before, e.excess_after) %}<td>{{ number(told.value) }}<br><small>{{ span(told.ci95) }}</small>
+</td>{% endfor %}<td>{{ number(e.before) }}</td><td>{{ number(e.after) }}</td><td>{{ number(e.noise_floor) }}{{
+" or " + number(e.noise_other) if e.noise_other is not none }}</td>
+<td class="text">{{ e.noise_from }}</td></tr>{% if e.relative %}
+<tr><td>the same, relative</td><td></td><td></td>
 <td>{{ "%.2f" | format(100 * e.relative.before) }} %</td><td>{{ "%.2f" | format(100 * e.relative.after) }} %</td>
-<td>{{ "%.2f" | format(100 * e.relative.noise_floor) }} %</td></tr>{% endif %}{% endfor %}</table>
+<td>{{ "%.2f" | format(100 * e.relative.noise_floor) }} %</td><td></td></tr>{% endif %}{% endfor %}</table>
+<p class="note">Beyond the noise: the square root of the mean squared error less the squared noise, with the 95 %
+interval of a bootstrap over blocks of several correlation times of the residual
+({{ "%.2g" | format(r.error.block_s) }} s for the signal quoted first).{% if far %} Two levels of noise: what
+neighbouring samples differ by, and what the model leaves; they lie far apart where the noise is correlated in time, or
+the model far off.{% endif %}</p>
 {{ figure("residual", "Model minus measurement. What stays within the band is noise.") }}
 {{ figure("dependence", "Bars beyond the dashed line: the residual still depends on that variable.") }}
 <h2>What was tried</h2>
@@ -115,7 +124,7 @@ def write_page(path: Path, result: Mapping[str, Any], headline: str, mathml: str
     page = Environment().from_string(_PAGE)
     text = page.render(
         r=result, headline=headline, mathml=mathml, figure=figure, number=number, span=span,
-        color=_COLORS[result["verdict"]],
+        color=_COLORS[result["verdict"]], far=any(e["noise_other"] is not None for e in result["errors"].values()),
         model=f"{result['model']['system']}, {result['model']['friction']}",
     )  # fmt: skip
     path.write_text(text, encoding="utf-8")
