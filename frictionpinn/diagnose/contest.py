@@ -34,11 +34,14 @@ class Settings:
         log_p: decimal logarithm of the chance, over all candidates, below which one counts as significant.
         most: effects that are added at most.
         gain: log-likelihood that the held-out trials must gain.
+        worth: root mean square of what is left over that of the friction force, from which it matters: friction itself
+            repeats to a few per cent from day to day, and a long recording makes far less significant.
     """
 
     log_p: float = -4.0
     most: int = 4
     gain: float = 1.0
+    worth: float = 0.01
 
 
 @dataclass(frozen=True)

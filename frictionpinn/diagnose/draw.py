@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ..evaluate.picture import save_png
 from ..evaluate.style import INK
-from .diagnosis import FOUND, NOTHING, Diagnosis
+from .diagnosis import Diagnosis
 from .errors import FORCE
-from .floor import RESIDUAL
 from .scan import Scanned
+from .verdict import FOUND, NOTHING, PARTLY
+from .words import beyond, depends, negligible, shared
 
 MOST_TRIALS, MOST_BARS = 3, 12
 INSTANTS = 200  # at which the evidence so far is drawn
@@ -43,41 +42,17 @@ def headline(d: Diagnosis) -> str:
     change = beyond(d, entry)
     if entry.get("outliers_left_out"):
         change += f" ({entry['outliers_left_out']} outliers left out)"
+    more = f"{change}.{shared(d)}{negligible(d)}"
+    names = " and ".join(name_of(d, k) for k in range(len(d.accepted)))
     if d.verdict == FOUND:
-        return f"Missing: {' and '.join(name_of(d, k) for k in range(len(d.accepted)))}{_gain(d)}. {change}"
+        return f"Missing: {names}{_gain(d)}. {more}"
     if d.verdict == NOTHING:
-        return f"Nothing is missing that this recording could show. {change}"
+        return f"Nothing is missing that this recording could show{' and that matters' if d.trifle else ''}. {more}"
     rest = d.unexplained
     kind = "friction" if rest and rest.kind == "friction" else "a force"
-    if d.accepted:
-        names = " and ".join(name_of(d, k) for k in range(len(d.accepted)))
-        return f"Missing: {names}; and beyond them {kind} that depends on {_words(d)}, which no name fits. {change}"
-    return f"Something is missing that none of the names fits: {kind} that depends on {_words(d)}. {change}"
-
-
-def beyond(d: Diagnosis, entry: Mapping[str, Any]) -> str:
-    """The error beyond the noise, before and after, in words."""
-    what = entry["quantity"].replace("rms error of", "error of")
-    old, new = (in_words(entry[key]) for key in ("excess_before", "excess_after"))
-    return (f"{what[0].upper()}{what[1:]} beyond the noise, {d.scored}, {entry['unit']}: {old} before, {new} after; "
-            f"{noise_in_words(entry)}")  # fmt: skip
-
-
-def in_words(told: Mapping[str, Any]) -> str:
-    """A value with its 95 % interval."""
-    return f"{told['value']:.3g} ({told['ci95'][0]:.3g} to {told['ci95'][1]:.3g})"
-
-
-def noise_in_words(entry: Mapping[str, Any]) -> str:
-    """The noise, where its level is known from, and what else it may be."""
-    if entry["noise_from"] == RESIDUAL:
-        text = f"the model's own residual is taken for the noise, {entry['noise_floor']:.3g}"
-        other = "neighbouring samples differ by"
-    else:
-        text, other = f"noise floor {entry['noise_floor']:.3g}, from {entry['noise_from']}", "the model leaves"
-    if entry["noise_other"] is None:
-        return text
-    return f"{text} ({other} {entry['noise_other']:.3g}: noise correlated in time, or a model far off)"
+    if d.verdict == PARTLY:
+        return f"Missing: {names}{_gain(d)}; and beyond that {kind} that depends on {_words(d)}, which no name fits. {more}"
+    return f"Something is missing that none of the names fits: {kind} that depends on {_words(d)}. {more}"
 
 
 def name_of(d: Diagnosis, k: int) -> str:
@@ -103,7 +78,7 @@ def _gain(d: Diagnosis) -> str:
 
 
 def _words(d: Diagnosis) -> str:
-    return " or ".join((d.unexplained.depends_on if d.unexplained else ())[:3]).replace("_", " ")
+    return depends(d.unexplained) if d.unexplained else ""
 
 
 def error_figure(d: Diagnosis) -> Figure:

@@ -90,11 +90,17 @@ def force_floor(bench: Bench, fit: Fit, sigmas: Mapping[str, float]) -> float:
 
 
 def main_signal(system: System, errors: Mapping[str, Any]) -> str:
-    """The signal by which errors are quoted first: that whose error beyond the noise drops most, relative to the drop's
-    standard error; where none drops, the slip velocity, else whatever of it is measured."""
-    best = max(errors, key=lambda name: errors[name]["drop_over_error"])
-    if errors[best]["drop_over_error"] > 0:
-        return best
+    """The signal by which errors are quoted first.
+
+    That whose error beyond the noise drops most, relative to the drop's standard error; where none drops, that with
+    most error beyond the noise for certain; where none has any, the slip velocity, else whatever of it is measured.
+    """
+    drops = {name: e["drop_over_error"] for name, e in errors.items()}
+    certain = {name: e["excess_before"]["ci95"][0] / max(e["noise_floor"], 1e-300) for name, e in errors.items()}
+    for table in (drops, certain):
+        best = max(table, key=table.__getitem__)
+        if table[best] > 0:
+            return best
     for c in system.free:
         if system.jacobian[c.name] != 0 and not system.massless:
             for name in (c.signals[1], c.signals[0], c.signals[2]):
@@ -144,6 +150,14 @@ def compare(bench: Bench, before: Fit, after: Fit, sigmas: Mapping[str, float]) 
             relative = {key: result[name][key] / size for key in ("before", "after", "noise_floor")}
             result[name]["relative"] = relative
     return result
+
+
+def along(bench: Bench, fits: Sequence[Fit], sigmas: Mapping[str, float], name: str) -> Excess:
+    """Error beyond the noise of a signal for models on the same trials, as :func:`compare` tells it of two."""
+    sigmas = {key: bench.problem.loss.spread * sigma for key, sigma in sigmas.items()}
+    without = left_out(bench, fits[-1], sigmas)
+    own = [residuals(bench, fit, without)[name] for fit in fits]
+    return Excess.of([model.t for model in fits[-1].models], own, noises(bench, fits[-1], sigmas)[name])
 
 
 def noises(bench: Bench, fit: Fit, sigmas: Mapping[str, float]) -> dict[str, Level]:

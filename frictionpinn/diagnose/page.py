@@ -36,18 +36,22 @@ out: errors are those of the fitted trials{% endif %}. {{ r.declared.outcome | c
 {{ figure("proof", "A line that climbs: second by second the recording speaks for what was added.") }}
 {% if r.effects %}<h2>What was added</h2>
 <table><tr><th>effect</th><th>parameter</th><th>value</th><th>95 % interval</th>
+<th>share of the squared error beyond the noise that it took off</th>
 <th>log10 of the chance to see it by luck</th><th>log-likelihood gained on held-out trials</th>
 <th class="text">not told apart from</th></tr>
 {% for e in r.effects %}{% for name, p in e.parameters.items() %}<tr><td>{{ e.name if loop.first }}</td>
 <td>{{ name }}</td><td>{{ number(p.value) }}{{ " " + p.unit if p.unit != "1" }}</td>
 <td>{{ span(p.ci95) }}</td>
+<td>{{ share(e.share_of_excess) if loop.first }}</td>
 <td>{{ number(e.evidence.log10_p) if loop.first }}</td>
 <td>{{ number(e.evidence.gain_held_out) if loop.first and e.evidence.gain_held_out is defined }}</td>
 <td class="text">{{ e.indistinguishable_from | join(", ") if loop.first }}</td></tr>{% endfor %}{% endfor %}</table>
 {% for e in r.effects %}{% if e.separate %}<p>To tell {{ e.name }} from {{ e.indistinguishable_from | join(", ") }}:
 {{ e.separate }}</p>{% endif %}{% endfor %}{% endif %}
 {% if r.unexplained %}<h2>What no name fits</h2>
-<p>It depends on {{ r.unexplained.depends_on | join(" or ") | replace("_", " ") }}{% if
+<p>{{ "%.2g" | format(100 * r.unexplained.size) }} % of the friction force{% if r.effects %}; of the squared error
+beyond the noise {{ share(r.left) }} is left{% endif %}.
+It depends on {{ r.unexplained.depends_on | join(" or ") | replace("_", " ") }}{% if
 r.unexplained.share is not none %}, which explains {{ "%.0f" | format(100 * r.unexplained.share) }} %
 of the remainder on the held-out trials{% endif %}{% if
 r.unexplained.formula %}; in short: {{ r.unexplained.formula }}{{
@@ -98,7 +102,8 @@ Loss: {{ r.loss }}. {{ "%.0f" | format(r.seconds) }} s.</p>
 </body></html>
 """
 LETTERS = {*greeks, "zdot"}  # first parts of names that are letters
-_COLORS = {"effect found": "#d1495b", "nothing missing": "#2a9d8f", "unexplained": "#e9a03b"}
+_COLORS = {"effect found": "#d1495b", "nothing missing": "#2a9d8f", "partly explained": "#d9722e",
+           "unexplained": "#e9a03b"}  # fmt: skip
 
 
 def number(value: float | None) -> str:
@@ -109,6 +114,14 @@ def number(value: float | None) -> str:
 def span(ci95: Sequence[float | None]) -> str:
     """A 95 % interval in words."""
     return "not told by these data" if None in ci95 else f"{number(ci95[0])} to {number(ci95[1])}"
+
+
+def share(told: Mapping[str, Any]) -> str:
+    """A share with its 95 % interval, in per cent."""
+    if told["value"] is None:
+        return "?"
+    value, low, high = (f"{100 * x:.0f}" for x in (told["value"], *told["ci95"]))
+    return f"{value} % ({low} to {high} %)"
 
 
 def write_page(path: Path, result: Mapping[str, Any], headline: str, mathml: str, figures: Sequence[Path]) -> Path:
@@ -124,6 +137,7 @@ def write_page(path: Path, result: Mapping[str, Any], headline: str, mathml: str
     page = Environment().from_string(_PAGE)
     text = page.render(
         r=result, headline=headline, mathml=mathml, figure=figure, number=number, span=span,
+        share=share,
         color=_COLORS[result["verdict"]], far=any(e["noise_other"] is not None for e in result["errors"].values()),
         model=f"{result['model']['system']}, {result['model']['friction']}",
     )  # fmt: skip

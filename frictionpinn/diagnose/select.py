@@ -39,6 +39,7 @@ class Selection:
         accepted: effects in the order in which they came.
         refused: candidates with a reason.
         first, last: what the scans of the declared and of the last model found.
+        fits: name of the effect that was added last -> the fit then.
     """
 
     base: Fit
@@ -47,6 +48,12 @@ class Selection:
     last: Scanned
     accepted: list[Accepted] = field(default_factory=list)
     refused: list[Refused] = field(default_factory=list)
+    fits: dict[str, Fit] = field(default_factory=dict)
+
+    @property
+    def path(self) -> list[Fit]:
+        """The fits after each effect but the last, in the order in which they came."""
+        return [self.fits[a.candidate.name] for a in self.accepted[:-1]]
 
 
 def select(
@@ -90,6 +97,8 @@ def select(
         selection.accepted.append(accepted)
         another = accepted.tested.short is not None and leaves_another(before, selection.fit)
         _polish(bench, selection, options, remainders, places, settings, another)
+        if selection.accepted:
+            selection.fits[selection.accepted[-1].candidate.name] = selection.fit
         if not selection.accepted and not again:
             # It but led out of a wrong minimum: what was refused there is asked anew.
             selection.refused, again = [], True

@@ -172,6 +172,7 @@ def test_the_command_tells_an_impossible_option_in_one_line(measured, override, 
     [
         ("diagnose.log10_p=3", "a negative number"),
         ("diagnose.most=0", "at least 1"),
+        ("diagnose.worth=2", "a share of the friction force"),
         ("diagnose.loss=square", "gaussian"),
         ("diagnose.fallback=net", "did you mean 'network'"),
         ("diagnose.signals=[velocity]", "diagnose.signals"),

@@ -30,16 +30,24 @@ def test_an_error_below_the_noise_is_found_beyond_it_and_its_interval_holds_it()
     assert np.mean(inside) >= 0.85
 
 
-def test_two_models_that_do_the_same_show_no_drop_and_the_slip_velocity_is_quoted():
-    found = Excess.of(T, (noisy(0.3), noisy(0.3)), Level(1.0, 0.02, NEIGHBOURS))
-    assert found.drop_over_error == 0.0
-    errors = {"x": {"drop_over_error": 0.0}, "v": {"drop_over_error": 0.0}, "a": {"drop_over_error": -1.0}}
-    assert main_signal(SYSTEMS["drive"](M=1.0), errors) == "v"
+def told(drop: float, least: float = 0.0):
+    return {"drop_over_error": drop, "excess_before": {"ci95": [least, 1.0]}, "noise_floor": 0.5}
 
 
-def test_the_signal_that_shows_the_improvement_best_is_quoted_first():
-    errors = {"x": {"drop_over_error": 7.0}, "v": {"drop_over_error": 2.0}}
-    assert main_signal(SYSTEMS["drive"](M=1.0), errors) == "x"
+@pytest.mark.parametrize(
+    ("errors", "first"),
+    [
+        ({"x": told(7.0), "v": told(2.0, 0.9)}, "x"),
+        ({"x": told(0.0, 0.3), "v": told(-1.0, 0.1)}, "x"),
+        ({"x": told(0.0), "v": told(0.0)}, "v"),
+    ],
+)
+def test_the_signal_that_shows_the_improvement_best_is_quoted_first_else_what_is_left_else_the_velocity(errors, first):
+    assert main_signal(SYSTEMS["drive"](M=1.0), errors) == first
+
+
+def test_two_models_that_do_the_same_show_no_drop():
+    assert Excess.of(T, (noisy(0.3), noisy(0.3)), Level(1.0, 0.02, NEIGHBOURS)).drop_over_error == 0.0
 
 
 def test_blocks_are_long_against_the_correlation_of_the_residual_in_seconds_at_any_rate():
