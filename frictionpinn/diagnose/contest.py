@@ -15,6 +15,7 @@ from .candidates import Candidate
 from .fit import Fit
 from .held_out import compared_gains, held_out_gain
 from .minima import DEEP, gained
+from .possible import impossible
 from .refits import contenders, refitted
 from .rivals import RIVAL, Contender
 from .scan import Tested
@@ -156,6 +157,8 @@ def _proof(bench: Bench, before: Fit, tested: Tested, fit: Fit, settings: Settin
     gain, need = gained(before, fit), needed(tested, settings)
     if gain < need:
         return None, f"refitted, it gains {gain:.1f} in log-likelihood; {need:.1f} are needed"
+    if why := impossible(bench, tested.candidate, fit.values):
+        return None, why
     held = held_out_gain(bench, before, fit, settings.gain)
     if held is not None and held < settings.gain:
         return held, f"held-out trials do not improve ({held:+.1f} in log-likelihood)"

@@ -12,18 +12,17 @@ from typing import Any
 import numpy as np
 
 from ..data.recording import Recording
-from ..identify.advice import UNTOLD
-from ..identify.result import Estimate, interval
+from ..identify.result import Estimate
 from ..physics.mechanism import Mechanism
 from .bench import Bench
 from .candidates import Candidate, candidates, effects_for
 from .errors import main_signal
 from .fit import Fit
 from .held_out import compared_gains
+from .intervals import intervals
 from .network import Network, train_network
 from .observe import ranges, scales, simulations
 from .remainder import Remainder, places, remainders
-from .scan import Scanned
 from .select import Accepted, Refused, Selection, Settings, select
 from .unexplained import Unexplained
 from .verdict import judge
@@ -138,7 +137,7 @@ def diagnose(
     fit, scanned = verdict.fit, verdict.scanned
     accepted = tuple(selection.accepted) if fit is selection.fit else ()
     refused = _reasons(selection, options_, accepted, settings)
-    values, ci95 = _intervals(bench, fit, scanned)
+    values, ci95 = intervals(bench, fit, scanned)
     fallback = None
     if verdict.rest is not None and network:
         fallback = train_network(bench, fit, scanned.remaining, probes, where, scanned.sigmas)
@@ -195,22 +194,3 @@ def _reasons(
         else:
             result[c.name] = Refused(c, "significant, but other candidates explain it better or no more are added")
     return tuple(result.values())
-
-
-def _intervals(bench: Bench, fit: Fit, scanned: Scanned) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
-    """Estimates and 95 % intervals from the likelihood's curvature, its other minima and the noise's colour counted."""
-    normal = scanned.known
-    errors = np.sqrt(np.maximum(normal.covariance.diagonal(), 0.0))
-    wider = dict(zip(fit.names, fit.widening, strict=True))
-    table = {par.name: par for par in bench.tested.parameters}
-    values = {name: fit.values[name] for name in fit.names}
-    ci95 = {}
-    for name in fit.names:
-        par, error = table[name], np.nan
-        positive = par.low >= 0 and par.neutral is None
-        if name in normal.names:
-            error = wider[name] * float(errors[normal.names.index(name)])
-        if positive and error > UNTOLD * values[name]:
-            error = np.nan
-        ci95[name] = interval(values[name], error, positive)
-    return values, ci95

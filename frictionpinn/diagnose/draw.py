@@ -51,7 +51,8 @@ def headline(d: Diagnosis) -> str:
     rest = d.unexplained
     kind = "friction" if rest and rest.kind == "friction" else "a force"
     if d.verdict == PARTLY:
-        return f"Missing: {names}{_gain(d)}; and beyond that {kind} that depends on {_words(d)}, which no name fits. {more}"
+        beside = f"{kind} that depends on {_words(d)}, which no name fits"
+        return f"Missing: {names}{_gain(d)}; and beyond that {beside}. {more}"
     return f"Something is missing that none of the names fits: {kind} that depends on {_words(d)}. {more}"
 
 

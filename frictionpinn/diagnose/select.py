@@ -16,6 +16,8 @@ from .contest import Accepted, Refused, Settings, contest
 from .drop import drop
 from .fit import Fit
 from .held_out import bent
+from .intervals import intervals
+from .possible import impossible
 from .remainder import Remainder
 from .restarts import blunted, lifted, peaked, widened
 from .scan import Scanned, Tested, scan
@@ -89,7 +91,7 @@ def select(
         others = [t for t in left if not selection.accepted and len(t.candidate.grid) < MANY]
         variables = remainders if remains and not selection.accepted else ()
         asked = Asked([t.candidate for t in left], variables, places, settings.most)
-        before = selection.fit
+        before, saved = selection.fit, replace(selection, accepted=list(selection.accepted), fits=dict(selection.fits))
         accepted, selection.fit, refused = contest(bench, before, significant, hidden, others, settings, asked)
         selection.refused += refused
         if accepted is None:
@@ -97,6 +99,9 @@ def select(
         selection.accepted.append(accepted)
         another = accepted.tested.short is not None and leaves_another(before, selection.fit)
         _polish(bench, selection, options, remainders, places, settings, another)
+        if refusal := _impossible(bench, selection, accepted):
+            selection = replace(saved, refused=[*selection.refused, refusal])
+            continue
         if selection.accepted:
             selection.fits[selection.accepted[-1].candidate.name] = selection.fit
         if not selection.accepted and not again:
@@ -105,6 +110,18 @@ def select(
     if selection.accepted:
         _blunt(bench, selection)
     return selection
+
+
+def _impossible(bench: Bench, selection: Selection, added: Accepted) -> Refused | None:
+    """The effect that was added last, where with it one of the effects is such as no mechanism has."""
+    told = intervals(bench, selection.fit, selection.last)[1]
+    for a in selection.accepted:
+        if why := impossible(bench, a.candidate, selection.fit.values, told):
+            # A deeper search may have put a rival in its place.
+            new = added.candidate if added in selection.accepted else selection.accepted[-1].candidate
+            own = a.candidate.name == new.name
+            return Refused(new, why if own else f"with it {a.candidate.name} is not possible: {why}")
+    return None
 
 
 def _blunt(bench: Bench, selection: Selection) -> None:

@@ -26,12 +26,17 @@ def contender(effect: str, cost: float, held: float = 0.0, as_fitted: float | No
 
 
 @pytest.fixture(autouse=True)
-def held_out(monkeypatch):
+def no_mechanism(monkeypatch):
+    """What held-out trials say; and effect -> why no mechanism has it."""
+    no_mechanism = {}
+
     def gain(bench, before, fit, enough):
         return fit.as_fitted if fit.as_fitted >= enough else max(fit.as_fitted, fit.held)
 
     monkeypatch.setattr(contest, "compared_gains", lambda bench, before, fits: [fit.held for fit in fits])
     monkeypatch.setattr(contest, "held_out_gain", gain)
+    monkeypatch.setattr(contest, "impossible", lambda bench, candidate, values: no_mechanism.get(candidate.effect, ""))
+    return no_mechanism
 
 
 def decided(first, *near):
@@ -104,3 +109,13 @@ def test_a_fit_from_windows_that_held_out_trials_refuse_is_searched_anew_and_ask
     assert (found is not None) is accepted
     assert after is (lower if accepted else before)
     assert [r.candidate.effect for r in refused] == ([] if accepted else ["drag"])
+
+
+def test_a_value_that_no_mechanism_has_is_refused_with_the_reason_and_the_next_is_asked(monkeypatch, no_mechanism):
+    fits = [contender("delay", 100.0, 50.0), contender("drag", 120.0, 40.0)]
+    monkeypatch.setattr(contest, "refitted", lambda *a: fits)
+    monkeypatch.setattr(contest, "contenders", lambda significant: [[tested] for tested, _ in fits])
+    no_mechanism["delay"] = "longer than a period of the fastest motion"
+    accepted, _, refused = contest.contest(None, contender("nothing", 300.0)[1], (), tuple, (), contest.Settings())
+    assert accepted.candidate.effect == "drag"
+    assert [(r.candidate.effect, r.why) for r in refused] == [("delay", no_mechanism["delay"])]
