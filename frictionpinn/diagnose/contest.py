@@ -17,7 +17,7 @@ from .held_out import compared_gains, held_out_gain
 from .minima import DEEP, gained
 from .possible import impossible
 from .refits import contenders, refitted
-from .rivals import RIVAL, Contender
+from .rivals import RIVAL, Contender, same
 from .scan import Tested
 from .tries import from_windows, leaves_little, penalised
 from .windows import Asked, over_windows
@@ -115,15 +115,37 @@ def contest(
             held = held_out_gain(bench, before, fit, settings.gain)
         near = [pair for pair in rest if _behind(pair, (tested, fit)) < RIVAL]
         (tested, fit), held, near, worse = _decide(bench, before, (tested, fit), held, near)
+        near += indistinct(
+            bench, before, (tested, fit), [p for p in fits if all(p[0] is not q[0] for q in near)], settings
+        )
         gain = gained(before, fit)
-        same = next(group for group in classes if group[0] is tested)[1:]
-        alike = [(t.candidate, {n: t.step[n] for n in t.candidate.strengths}) for t in same]
+        twins = next(group for group in classes if group[0] is tested)[1:]
+        alike = [(t.candidate, {n: t.step[n] for n in t.candidate.strengths}) for t in twins]
         alike += [(t.candidate, {n: f.values[n] for n in t.candidate.strengths}) for t, f in near]
         evidence = {"statistic": tested.statistic, "log10_p": tested.log_p, "gain_fitted": gain}
         evidence |= {} if held is None else {"gain_held_out": held}
         close = [p for p in fits if p[0] is not tested and penalised(p[1]) - penalised(fit) < max(NEAR, 0.1 * gain)]
-        return Accepted(tested.candidate, tested, evidence, tuple(alike), tuple(close[:DEEP])), fit, [*refused, *worse]
+        listed = {tested.candidate.name, *(c.name for c, _ in alike)}
+        refused = [r for r in (*refused, *worse) if r.candidate.name not in listed]
+        return Accepted(tested.candidate, tested, evidence, tuple(alike), tuple(close[:DEEP])), fit, refused
     return None, before, refused
+
+
+def indistinct(
+    bench: Bench, before: Fit, winner: Contender, others: Sequence[Contender], settings: Settings
+) -> list[Contender]:
+    """Those that act as the winner does and that all trials together do not tell from it, see :func:`same`: also one
+    that the held-out trials alone refused by a hair."""
+    near = [
+        pair for pair in others
+        if pair[0] is not winner[0] and same(winner[0], pair[0], _behind(pair, winner), -np.inf)
+        and gained(before, pair[1]) >= needed(pair[0], settings)
+        and not impossible(bench, pair[0].candidate, pair[1].values)
+    ]  # fmt: skip
+    if not near:
+        return []
+    held, *gains = compared_gains(bench, before, [fit for _, fit in (winner, *near)])
+    return [p for p, gain in zip(near, gains, strict=True) if same(winner[0], p[0], _behind(p, winner), held - gain)]
 
 
 def _leaves_little(bench: Bench, before: Fit, classes: Sequence[Sequence[Tested]]) -> bool:

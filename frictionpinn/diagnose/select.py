@@ -12,7 +12,7 @@ import numpy as np
 from ..identify.parallel import in_parallel
 from .bench import Bench, tried
 from .candidates import Candidate
-from .contest import Accepted, Refused, Settings, contest
+from .contest import Accepted, Refused, Settings, contest, indistinct
 from .drop import drop
 from .fit import Fit
 from .held_out import bent
@@ -154,11 +154,11 @@ def _polish(
         selection.fit = bench.settle(selection.fit, partial(bent, bench))
     deepened = rugged and not selection.fit.explains
     if deepened and not another:
-        _deepen(bench, selection)
+        _deepen(bench, selection, settings)
     if drop(bench, selection, settings) and rugged and not selection.fit.explains:
         selection.fit = bench.settle(selection.fit, partial(bent, bench))
     _rescan(bench, selection, options, remainders, places)
-    if rugged and not deepened and _doubtful(selection, options, settings) and _deepen(bench, selection):
+    if rugged and not deepened and _doubtful(selection, options, settings) and _deepen(bench, selection, settings):
         drop(bench, selection, settings)
         _rescan(bench, selection, options, remainders, places)
 
@@ -230,25 +230,32 @@ def _doubtful(selection: Selection, options: Sequence[Candidate], settings: Sett
     return min(tests, default=0.0) < settings.log_p or _remains(selection, settings)
 
 
-def _deepen(bench: Bench, selection: Selection) -> bool:
+def _deepen(bench: Bench, selection: Selection, settings: Settings) -> bool:
     """Search the last model and its close rivals from all starts: where one was fitted to a wrong minimum, what is left
     looks like an effect. Says whether the fit changed."""
     if not selection.accepted:
         return False
     last = selection.accepted[-1]
-    best, choice, cost = selection.fit, last, penalised(selection.fit)
+    best, choice, cost = selection.fit, last.tested, penalised(selection.fit)
+    level = [(last.tested, selection.fit)]
     for tested, fit in ((last.tested, selection.fit), *last.close):
         if best is not selection.fit and best.explains:
             break
         weighted = fit if fit is selection.fit else bench.refit(fit, fit.names, fit.values, selection.fit.sigmas)
         found = None if weighted is None else bench.search(weighted, fit.starts)
+        if found is not None:
+            level.append((tested, found))
         if found is not None and penalised(found) < cost - SETTLED:
-            best, cost = found, penalised(found)
-            choice = replace(
-                last, candidate=tested.candidate, tested=tested, alike=() if tested is not last.tested else last.alike
-            )
+            best, cost, choice = found, penalised(found), tested
     changed = best is not selection.fit
-    selection.fit, selection.accepted[-1] = best, choice
+    if choice is not last.tested:
+        before = selection.path[-1] if len(selection.accepted) > 1 else selection.base
+        near = indistinct(bench, before, (choice, best), level, settings)
+        alike = {t.candidate.name: (t.candidate, {n: f.values[n] for n in t.candidate.strengths}) for t, f in near}
+        if last.candidate.name in alike:  # and what could not be told from that
+            alike = {c.name: (c, values) for c, values in last.alike if c.name != choice.candidate.name} | alike
+        last = replace(last, candidate=choice.candidate, tested=choice, alike=tuple(alike.values()))
+    selection.fit, selection.accepted[-1] = best, last
     return changed
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from frictionpinn.diagnose import contest
@@ -21,8 +22,9 @@ def contender(effect: str, cost: float, held: float = 0.0, as_fitted: float | No
     )  # fmt: skip
     candidate = Candidate(effect, effect, (effect,))
     return SimpleNamespace(
-        candidate=candidate, beside=None, freedom=1, statistic=200.0, log_p=-30.0, step={}, short=None
-    ), fit
+        candidate=candidate, beside=None, freedom=1, statistic=200.0, log_p=-30.0, step={}, short=None,
+        trace=np.eye(1, 30, len(effect))[0],
+    ), fit  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
@@ -119,3 +121,33 @@ def test_a_value_that_no_mechanism_has_is_refused_with_the_reason_and_the_next_i
     accepted, _, refused = contest.contest(None, contender("nothing", 300.0)[1], (), tuple, (), contest.Settings())
     assert accepted.candidate.effect == "drag"
     assert [(r.candidate.effect, r.why) for r in refused] == [("delay", no_mechanism["delay"])]
+
+
+@pytest.mark.parametrize(
+    ("inertia", "payload", "alike"),
+    [
+        ((103.0, 50.0), (100.0, 46.0), ["payload"]),  # fits better by 3, predicts worse by 4: 1 in all
+        ((100.0, 50.0), (101.0, 0.9), []),  # held-out trials tell them apart
+        ((101.0, 1.2), (100.0, 0.9), ["payload"]),  # refused by the held-out trials, by a hair
+        ((100.0, 50.0), (107.0, 50.0), []),
+    ],
+)
+def test_what_acts_the_same_and_all_trials_together_do_not_tell_apart_is_listed_not_refused(
+    monkeypatch, inertia, payload, alike
+):
+    fits = [contender("inertia", *inertia), contender("payload", *payload)]
+    fits[1][0].trace = fits[0][0].trace
+    fits.sort(key=lambda pair: pair[1].state.cost)
+    monkeypatch.setattr(contest, "refitted", lambda *a: fits)
+    monkeypatch.setattr(contest, "contenders", lambda significant: [[tested] for tested, _ in fits])
+    accepted, _, refused = contest.contest(None, contender("nothing", 300.0)[1], (), tuple, (), contest.Settings())
+    assert accepted.candidate.effect == "inertia" and [c.effect for c, _ in accepted.alike] == alike
+    assert not alike or not refused
+
+
+def test_what_acts_otherwise_is_not_listed_however_well_it_fits(monkeypatch):
+    fits = [contender("adhesion", 100.0, 46.0), contender("drag", 103.0, 50.0)]
+    monkeypatch.setattr(contest, "refitted", lambda *a: fits)
+    monkeypatch.setattr(contest, "contenders", lambda significant: [[tested] for tested, _ in fits])
+    accepted, _, refused = contest.contest(None, contender("nothing", 300.0)[1], (), tuple, (), contest.Settings())
+    assert not accepted.alike and [r.candidate.effect for r in refused] == ["adhesion"]
