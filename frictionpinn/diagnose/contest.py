@@ -79,6 +79,7 @@ def contest(
     others: Sequence[Tested],
     settings: Settings,
     asked: Asked | None = None,
+    untested: Sequence[Tested] = (),
 ) -> tuple[Accepted, Fit, list[Refused]] | tuple[None, Fit, list[Refused]]:
     """Refit the contenders and take the best that the held-out trials confirm.
 
@@ -90,6 +91,8 @@ def contest(
             fit in a wrong minimum hides even what it lacks.
         settings: thresholds.
         asked: what is tested over short windows, where the fit leaves more than noise.
+        untested: candidates of one parameter whose derivatives overflow: refitted all the same, and before those of
+            many shapes (ripple, vibration).
 
     Returns:
         What was accepted or None, the fit with it, and the candidates that were refused on the way.
@@ -100,6 +103,7 @@ def contest(
         if asked.variables and ranked.nameless() and not _leaves_little(bench, before, ranked.classes):
             return None, before, [Refused(group[0].candidate, NAMELESS) for group in ranked.classes]
         classes, others = ranked.classes, ranked.others
+    classes = _with_untested(classes, untested)
     fits = refitted(bench, before, classes, others, beside)
     refused: list[Refused] = []
     for k, (tested, fit, held, why) in enumerate(_proofs(bench, before, fits, settings)):
@@ -122,13 +126,24 @@ def contest(
         twins = next(group for group in classes if group[0] is tested)[1:]
         alike = [(t.candidate, {n: t.step[n] for n in t.candidate.strengths}) for t in twins]
         alike += [(t.candidate, {n: f.values[n] for n in t.candidate.strengths}) for t, f in near]
-        evidence = {"statistic": tested.statistic, "log10_p": tested.log_p, "gain_fitted": gain}
+        told = np.nan if tested.untested else 1.0
+        evidence = {"statistic": told * tested.statistic, "log10_p": told * tested.log_p, "gain_fitted": gain}
         evidence |= {} if held is None else {"gain_held_out": held}
         close = [p for p in fits if p[0] is not tested and penalised(p[1]) - penalised(fit) < max(NEAR, 0.1 * gain)]
         listed = {tested.candidate.name, *(c.name for c, _ in alike)}
         refused = [r for r in (*refused, *worse) if r.candidate.name not in listed]
         return Accepted(tested.candidate, tested, evidence, tuple(alike), tuple(close[:DEEP])), fit, refused
     return None, before, refused
+
+
+def _with_untested(classes: list[list[Tested]], untested: Sequence[Tested]) -> list[list[Tested]]:
+    """The classes, and those that could not be tested before what has hidden parameters: that fits anything."""
+    known = {t.candidate.name for group in classes for t in group}
+    added = [[t] for t in untested if t.candidate.name not in known]
+    if not added:
+        return classes
+    shaped = [group for group in classes if group[0].candidate.hidden]
+    return [*(group for group in classes if not group[0].candidate.hidden), *added, *shaped]
 
 
 def indistinct(

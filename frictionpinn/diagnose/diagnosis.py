@@ -186,6 +186,8 @@ def _reasons(
         t = final.get(c.name)
         if t is None:
             result[c.name] = Refused(c, "beside the effects that were added nothing is left for it")
+        elif t.untested:
+            result[c.name] = Refused(c, "could not be tested: its derivatives overflow in the simulation")
         elif t.log_p + np.log10(len(options)) > settings.log_p:
             early = first.get(c.name)
             explained = early is not None and early.log_p + np.log10(len(options)) < settings.log_p and accepted

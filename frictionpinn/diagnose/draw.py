@@ -14,7 +14,7 @@ from .diagnosis import Diagnosis
 from .errors import FORCE
 from .scan import Scanned
 from .verdict import FOUND, NOTHING, PARTLY
-from .words import beyond, depends, negligible, shared
+from .words import beyond, depends, negligible, shared, untested
 
 MOST_TRIALS, MOST_BARS = 3, 12
 INSTANTS = 200  # at which the evidence so far is drawn
@@ -42,7 +42,7 @@ def headline(d: Diagnosis) -> str:
     change = beyond(d, entry)
     if entry.get("outliers_left_out"):
         change += f" ({entry['outliers_left_out']} outliers left out)"
-    more = f"{change}.{shared(d)}{negligible(d)}"
+    more = f"{change}.{shared(d)}{negligible(d)}{untested(d)}"
     names = " and ".join(name_of(d, k) for k in range(len(d.accepted)))
     if d.verdict == FOUND:
         return f"Missing: {names}{_gain(d)}. {more}"

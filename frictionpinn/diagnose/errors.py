@@ -35,10 +35,13 @@ def left_out(bench: Bench, fit: Fit, sigmas: Mapping[str, float]) -> Masks:
 
 
 def residuals(bench: Bench, fit: Fit, without: Masks) -> dict[str, list[np.ndarray]]:
-    """Signal -> model minus measurement on each trial, shape (n,), SI units, NaN where missing; the force last."""
+    """Signal -> model minus measurement on each trial, shape (n,), SI units, NaN where missing; the force last.
+
+    Inputs whose noise is estimated are among them: a model bends them into what it lacks, and follows the motion then.
+    """
     result: dict[str, list[np.ndarray]] = {}
     for model, piece, masks in zip(fit.models, fit.state.pieces, without, strict=True):
-        for name in bench.problem.channels.outputs:
+        for name in (*bench.problem.channels.outputs, *(n for item in model.inputs for n in item.names)):
             r = piece.residuals.get(name, np.full(len(model.t), np.nan))
             result.setdefault(name, []).append(np.where(masks.get(name, False), np.nan, r))
     result = {name: own for name, own in result.items() if not all(np.isnan(r).all() for r in own)}
@@ -134,6 +137,8 @@ def compare(bench: Bench, before: Fit, after: Fit, sigmas: Mapping[str, float]) 
     for name in old:
         force = name == FORCE or system.massless
         what = "rms error of the friction force" if name == FORCE else f"rms error of {name} in simulation"
+        if name not in bench.problem.channels.outputs and name != FORCE:
+            what = f"rms error of the {name} that the model needs"
         what = "rms error of the measured force" if system.massless else what
         excess = Excess.of(times, (old[name], new[name]), noise[name])
         result[name] = {

@@ -23,7 +23,7 @@ def intervals(bench: Bench, fit: Fit, scanned: Scanned) -> tuple[dict[str, float
         par, error = table[name], np.nan
         positive = par.low >= 0 and par.neutral is None
         if name in normal.names:
-            error = wider[name] * float(errors[normal.names.index(name)])
+            error = wider[name] * float(errors[normal.names.index(name)]) or np.nan  # 0: derivatives that overflow
         if positive and error > UNTOLD * values[name]:
             error = np.nan
         ci95[name] = interval(values[name], error, positive)

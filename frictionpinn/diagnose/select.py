@@ -29,6 +29,7 @@ __all__ = ["Accepted", "Refused", "Selection", "Settings", "select"]
 SETTLED = 3.0  # log-likelihood that a new search must gain to count
 PROMISED = 0.5  # of what a friction brought back costs: score tests that promise less are not followed beside it
 DEAR = 1.5  # times the cost: a friction brought back that costs more after a short try is given up
+DIRECT = 8  # candidates of one parameter that could not be tested, and are refitted in a round
 MANY = 100  # shapes of candidates that are left out beside a friction that had vanished
 
 
@@ -86,13 +87,16 @@ def select(
         significant = [t for t in left if t.log_p + np.log10(len(options)) < settings.log_p]
         hidden = cache(partial(_beside_vanished, bench, selection, options, settings))
         remains = _remains(selection, settings)
-        if not significant and not remains and not hidden():
+        untested = [] if selection.fit.explains else sorted(filter(_cheap, left), key=lambda t: t.candidate.usual)
+        if not significant and not remains and not untested and not hidden():
             break
         others = [t for t in left if not selection.accepted and len(t.candidate.grid) < MANY]
         variables = remainders if remains and not selection.accepted else ()
         asked = Asked([t.candidate for t in left], variables, places, settings.most)
         before, saved = selection.fit, replace(selection, accepted=list(selection.accepted), fits=dict(selection.fits))
-        accepted, selection.fit, refused = contest(bench, before, significant, hidden, others, settings, asked)
+        accepted, selection.fit, refused = contest(
+            bench, before, significant, hidden, others, settings, asked, untested
+        )
         selection.refused += refused
         if accepted is None:
             break
@@ -110,6 +114,11 @@ def select(
     if selection.accepted:
         _blunt(bench, selection)
     return selection
+
+
+def _cheap(tested: Tested) -> bool:
+    """Whether it could not be tested, and has one parameter: it is refitted without a test."""
+    return tested.untested and len(tested.candidate.strengths) == 1 and not tested.candidate.hidden
 
 
 def _impossible(bench: Bench, selection: Selection, added: Accepted) -> Refused | None:

@@ -61,3 +61,11 @@ def negligible(d: Diagnosis) -> str:
     what = "friction" if d.trifle.kind == "friction" else "a force"
     return (f" Significant but small: {what} that depends on {depends(d.trifle)}, {100 * d.trifle.size:.2g} % of the "
             f"friction force (diagnose.worth: {100 * d.settings.worth:.2g} %).")  # fmt: skip
+
+
+def untested(d: Diagnosis) -> str:
+    """How many candidates could not be tested: one sentence, or empty."""
+    refused = {r.candidate.name for r in d.refused if "could not be tested" in r.why}
+    if not refused:
+        return ""
+    return f" {len(refused)} candidates could not be tested: their derivatives overflow in the simulation."

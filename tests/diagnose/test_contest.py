@@ -22,7 +22,7 @@ def contender(effect: str, cost: float, held: float = 0.0, as_fitted: float | No
     )  # fmt: skip
     candidate = Candidate(effect, effect, (effect,))
     return SimpleNamespace(
-        candidate=candidate, beside=None, freedom=1, statistic=200.0, log_p=-30.0, step={}, short=None,
+        candidate=candidate, beside=None, freedom=1, statistic=200.0, log_p=-30.0, step={}, short=None, untested=False,
         trace=np.eye(1, 30, len(effect))[0],
     ), fit  # fmt: skip
 
