@@ -123,7 +123,7 @@ def compare(bench: Bench, before: Fit, after: Fit, sigmas: Mapping[str, float]) 
         before and after, rms errors; noise_floor, noise_from (differences of neighbouring samples, or residual of the
         model) and noise_other (the other of the two where they are far apart, else None); excess_before and
         excess_after {value, ci95}, the errors beyond the noise; block_s, length of a bootstrap's block;
-        drop_over_error, the drop of the mean square over its standard error. Where there are any also
+        drop_over_error, the drop of the excess over its standard error. Where there are any also
         outliers_left_out, a number of samples; of the force, where it is that which is predicted, the errors relative
         to the measured one.
     """

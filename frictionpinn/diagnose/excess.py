@@ -87,16 +87,12 @@ class Excess:
         squared: max(0, mean r^2 - sigma^2), shape (k,).
         drawn: the same of every bootstrap draw, the noise level drawn along, shape (draws, k).
         fixed: the same at the noise level as told, shape (draws, k).
-        means: mean r^2 of every draw, shape (draws, k).
-        drop: of mean r^2 from the first to the last model.
         block_s: length of a block, s.
     """
 
     squared: np.ndarray
     drawn: np.ndarray
     fixed: np.ndarray
-    means: np.ndarray
-    drop: float
     block_s: float
 
     @classmethod
@@ -109,7 +105,7 @@ class Excess:
         luck = 1 + level.error * np.random.default_rng(1).standard_normal((len(means), 1))
         mean = np.nanmean(np.concatenate(squares), axis=0)
         return cls(np.maximum(mean - floor, 0.0), np.maximum(means - floor * luck**2, 0.0),
-                   np.maximum(means - floor, 0.0), means, float(mean[0] - mean[-1]), block)  # fmt: skip
+                   np.maximum(means - floor, 0.0), block)  # fmt: skip
 
     def told(self, k: int) -> dict[str, Any]:
         """Error beyond the noise of model k in the signal's unit, with its 95 % interval."""
@@ -117,12 +113,10 @@ class Excess:
 
     @property
     def drop_over_error(self) -> float:
-        """Drop of the mean square from first to last model, in which the noise cancels, over its standard error.
-
-        0 where the first has no error beyond the noise.
-        """
-        spread = float(np.std(self.means[:, 0] - self.means[:, -1]))
-        return self.drop / spread if spread > 0 and self.squared[0] > 0 else 0.0
+        """Drop of the error beyond the noise from the first model to the last, over its standard error."""
+        drop = float(np.sqrt(self.squared[0]) - np.sqrt(self.squared[-1]))
+        spread = float(np.std(np.sqrt(self.drawn[:, 0]) - np.sqrt(self.drawn[:, -1])))
+        return drop / spread if spread > 0 else 0.0
 
     def share(self, k: int) -> dict[str, Any]:
         """What model k takes off beyond model k - 1, relative to the first's squared excess; k = 0: what is left."""
