@@ -141,7 +141,8 @@ class Bench:
         )
         made.shapes = ()
         made.names = made.space.names
-        made.prior = Prior.of(made.space, {**values, **problem.start}, made.fixed)
+        if len(problem.prior.target):
+            made.prior = Prior.of(made.space, {**values, **problem.start}, made.fixed)
         return made
 
     @cached_property
