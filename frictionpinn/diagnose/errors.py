@@ -134,12 +134,15 @@ def compare(bench: Bench, before: Fit, after: Fit, sigmas: Mapping[str, float]) 
     old, new = (residuals(bench, fit, without) for fit in (before, after))
     times = [model.t for model in after.models]
     result: dict[str, Any] = {}
+    the_force = next(iter(old)) if system.massless else FORCE
     for name in old:
-        force = name == FORCE or system.massless
-        what = "rms error of the friction force" if name == FORCE else f"rms error of {name} in simulation"
-        if name not in bench.problem.channels.outputs and name != FORCE:
+        force = name == the_force
+        if force:
+            what = f"rms error of the {'measured' if system.massless else 'friction'} force"
+        elif name in bench.problem.channels.outputs:
+            what = f"rms error of {name} in simulation"
+        else:
             what = f"rms error of the {name} that the model needs"
-        what = "rms error of the measured force" if system.massless else what
         excess = Excess.of(times, (old[name], new[name]), noise[name])
         result[name] = {
             "quantity": what, "unit": system.force_unit if force else units.get(name, ""),
