@@ -242,7 +242,9 @@ def right(case: dict) -> bool:
     if kind.startswith("clean"):
         return case["verdict"] == "nothing missing"
     if kind in UNNAMED:
-        return case["verdict"] == "unexplained" and bool(set(case["depends_on"][:2]) & set(UNNAMED[kind][1]))
+        return case["verdict"] in ("unexplained", "partly explained") and bool(
+            set(case["depends_on"][:2]) & set(UNNAMED[kind][1])
+        )
     if "+" in kind:
         return set(case["effects"]) == set(kind.split("+"))
     return case["effects"][:1] == [kind]

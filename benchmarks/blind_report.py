@@ -118,9 +118,9 @@ def _ranges(seeds: set[int]) -> str:
 def _answer(case: dict) -> str:
     if "failed" in case:
         return "failed"
-    if case["verdict"] == "unexplained":
+    if case["verdict"] in ("unexplained", "partly explained"):
         return (
-            "unexplained: "
+            f"{case['verdict']}: "
             + "/".join((case["depends_on"] or [])[:2])
             + ("+" + "+".join(case["effects"]) if case["effects"] else "")
         )

@@ -140,9 +140,10 @@ class Bench:
         made.space = Space.build(
             made.mechanism, names, default_bounds(made.mechanism, scales, bounds), made.fixed, sizes
         )
-        made.prior = Prior.of(made.space, problem.prior.start, made.fixed)
         made.shapes = ()
         made.names = made.space.names
+        if len(problem.prior.target):
+            made.prior = Prior.of(made.space, problem.prior.start, made.fixed)
         return made
 
     @cached_property
@@ -175,7 +176,10 @@ class Bench:
         first = evaluate(problem.space.to_search(np.array([values[name] for name in problem.names])), fit.locals, True)
         if first is None:
             return None
-        found = levenberg_marquardt(evaluate, first, problem.space.limits, **(REFIT | options))
+        try:
+            found = levenberg_marquardt(evaluate, first, problem.space.limits, **(REFIT | options))
+        except np.linalg.LinAlgError:  # derivatives that overflow
+            return None
         return Fit(problem.names, problem.values(found.state.u), models, found.state, sigmas)
 
     def settle(self, fit: Fit, bent: Callable[[Fit, Fit], bool] = lambda old, new: False) -> Fit:

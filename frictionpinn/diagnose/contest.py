@@ -15,8 +15,9 @@ from .candidates import Candidate
 from .fit import Fit
 from .held_out import compared_gains, held_out_gain
 from .minima import DEEP, gained
+from .possible import impossible
 from .refits import contenders, refitted
-from .rivals import RIVAL, Contender
+from .rivals import RIVAL, Contender, same
 from .scan import Tested
 from .tries import from_windows, leaves_little, penalised
 from .windows import Asked, over_windows
@@ -34,11 +35,14 @@ class Settings:
         log_p: decimal logarithm of the chance, over all candidates, below which one counts as significant.
         most: effects that are added at most.
         gain: log-likelihood that the held-out trials must gain.
+        worth: root mean square of what is left over that of the friction force, from which it matters: friction itself
+            repeats to a few per cent from day to day, and a long recording makes far less significant.
     """
 
     log_p: float = -4.0
     most: int = 4
     gain: float = 1.0
+    worth: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,7 @@ def contest(
     others: Sequence[Tested],
     settings: Settings,
     asked: Asked | None = None,
+    untested: Sequence[Tested] = (),
 ) -> tuple[Accepted, Fit, list[Refused]] | tuple[None, Fit, list[Refused]]:
     """Refit the contenders and take the best that the held-out trials confirm.
 
@@ -86,6 +91,8 @@ def contest(
             fit in a wrong minimum hides even what it lacks.
         settings: thresholds.
         asked: what is tested over short windows, where the fit leaves more than noise.
+        untested: candidates of one parameter whose derivatives overflow: refitted all the same, and before those of
+            many shapes (ripple, vibration).
 
     Returns:
         What was accepted or None, the fit with it, and the candidates that were refused on the way.
@@ -96,6 +103,7 @@ def contest(
         if asked.variables and ranked.nameless() and not _leaves_little(bench, before, ranked.classes):
             return None, before, [Refused(group[0].candidate, NAMELESS) for group in ranked.classes]
         classes, others = ranked.classes, ranked.others
+    classes = _with_untested(classes, untested)
     fits = refitted(bench, before, classes, others, beside)
     refused: list[Refused] = []
     for k, (tested, fit, held, why) in enumerate(_proofs(bench, before, fits, settings)):
@@ -111,15 +119,48 @@ def contest(
             held = held_out_gain(bench, before, fit, settings.gain)
         near = [pair for pair in rest if _behind(pair, (tested, fit)) < RIVAL]
         (tested, fit), held, near, worse = _decide(bench, before, (tested, fit), held, near)
+        near += indistinct(
+            bench, before, (tested, fit), [p for p in fits if all(p[0] is not q[0] for q in near)], settings
+        )
         gain = gained(before, fit)
-        same = next(group for group in classes if group[0] is tested)[1:]
-        alike = [(t.candidate, {n: t.step[n] for n in t.candidate.strengths}) for t in same]
+        twins = next(group for group in classes if group[0] is tested)[1:]
+        alike = [(t.candidate, {n: t.step[n] for n in t.candidate.strengths}) for t in twins]
         alike += [(t.candidate, {n: f.values[n] for n in t.candidate.strengths}) for t, f in near]
-        evidence = {"statistic": tested.statistic, "log10_p": tested.log_p, "gain_fitted": gain}
+        told = np.nan if tested.untested else 1.0
+        evidence = {"statistic": told * tested.statistic, "log10_p": told * tested.log_p, "gain_fitted": gain}
         evidence |= {} if held is None else {"gain_held_out": held}
         close = [p for p in fits if p[0] is not tested and penalised(p[1]) - penalised(fit) < max(NEAR, 0.1 * gain)]
-        return Accepted(tested.candidate, tested, evidence, tuple(alike), tuple(close[:DEEP])), fit, [*refused, *worse]
+        listed = {tested.candidate.name, *(c.name for c, _ in alike)}
+        refused = [r for r in (*refused, *worse) if r.candidate.name not in listed]
+        return Accepted(tested.candidate, tested, evidence, tuple(alike), tuple(close[:DEEP])), fit, refused
     return None, before, refused
+
+
+def _with_untested(classes: list[list[Tested]], untested: Sequence[Tested]) -> list[list[Tested]]:
+    """The classes, and those that could not be tested before what has hidden parameters: that fits anything."""
+    known = {t.candidate.name for group in classes for t in group}
+    added = [[t] for t in untested if t.candidate.name not in known]
+    if not added:
+        return classes
+    shaped = [group for group in classes if group[0].candidate.hidden]
+    return [*(group for group in classes if not group[0].candidate.hidden), *added, *shaped]
+
+
+def indistinct(
+    bench: Bench, before: Fit, winner: Contender, others: Sequence[Contender], settings: Settings
+) -> list[Contender]:
+    """Those that act as the winner does and that all trials together do not tell from it, see :func:`same`: also one
+    that the held-out trials alone refused by a hair."""
+    near = [
+        pair for pair in others
+        if pair[0] is not winner[0] and same(winner[0], pair[0], _behind(pair, winner), -np.inf)
+        and gained(before, pair[1]) >= needed(pair[0], settings)
+        and not impossible(bench, pair[0].candidate, pair[1].values)
+    ]  # fmt: skip
+    if not near:
+        return []
+    held, *gains = compared_gains(bench, before, [fit for _, fit in (winner, *near)])
+    return [p for p, gain in zip(near, gains, strict=True) if same(winner[0], p[0], _behind(p, winner), held - gain)]
 
 
 def _leaves_little(bench: Bench, before: Fit, classes: Sequence[Sequence[Tested]]) -> bool:
@@ -153,6 +194,8 @@ def _proof(bench: Bench, before: Fit, tested: Tested, fit: Fit, settings: Settin
     gain, need = gained(before, fit), needed(tested, settings)
     if gain < need:
         return None, f"refitted, it gains {gain:.1f} in log-likelihood; {need:.1f} are needed"
+    if why := impossible(bench, tested.candidate, fit.values):
+        return None, why
     held = held_out_gain(bench, before, fit, settings.gain)
     if held is not None and held < settings.gain:
         return held, f"held-out trials do not improve ({held:+.1f} in log-likelihood)"

@@ -12,25 +12,22 @@ from typing import Any
 import numpy as np
 
 from ..data.recording import Recording
-from ..identify.advice import UNTOLD
-from ..identify.result import Estimate, interval
+from ..identify.result import Estimate
 from ..physics.mechanism import Mechanism
 from .bench import Bench
 from .candidates import Candidate, candidates, effects_for
-from .errors import compare, main_signal
+from .errors import main_signal
 from .fit import Fit
-from .held_out import check, compared_gains
+from .held_out import compared_gains
+from .intervals import intervals
 from .network import Network, train_network
 from .observe import ranges, scales, simulations
 from .remainder import Remainder, places, remainders
-from .scan import Remaining, Scanned
 from .select import Accepted, Refused, Selection, Settings, select
-from .unexplained import Unexplained, describe
+from .unexplained import Unexplained
+from .verdict import judge
 
 log = logging.getLogger(__name__)
-
-FOUND, NOTHING, UNEXPLAINED = "effect found", "nothing missing", "unexplained"
-MOSTLY = 0.5  # of the squared error beyond noise: what effects must explain to stand beside a remainder
 
 
 @dataclass(frozen=True)
@@ -38,15 +35,20 @@ class Diagnosis:
     """What a declared model lacks.
 
     Attributes:
-        verdict: "effect found", "nothing missing" or "unexplained".
+        verdict: "effect found", "nothing missing", "partly explained" or "unexplained", see
+            :class:`frictionpinn.diagnose.verdict.Verdict`.
         accepted: effects that were added, in order.
         refused: candidates with a reason.
-        unexplained: the significant remainder, or None.
+        unexplained: the significant remainder that matters, or None.
+        trifle: one that is significant but smaller than ``settings.worth``, where nothing else is left.
         values: name -> estimate of the augmented model, SI units; ``ci95`` its 95 % intervals (NaN
             where the data do not tell it), ``units`` its units.
         declared: the declared model's estimate.
-        errors: signal -> {quantity, unit, before, after, noise_floor} on ``scored``.
+        errors: signal -> rms errors and errors beyond the noise on ``scored``, see
+            :func:`frictionpinn.diagnose.errors.compare`.
         scored: "held-out trials", or "fitted trials" where there are none held out.
+        shares: of the squared error beyond the noise of ``main``, what each effect took off when it was added.
+        left: the share that is left.
         noise: signal -> noise standard deviation, SI units.
         coloured: signals whose noise is correlated in time.
         seconds: wall-clock time.
@@ -58,12 +60,15 @@ class Diagnosis:
     accepted: tuple[Accepted, ...]
     refused: tuple[Refused, ...]
     unexplained: Unexplained | None
+    trifle: Unexplained | None
     values: dict[str, float]
     ci95: dict[str, tuple[float, float]]
     units: dict[str, str]
     declared: Estimate
     errors: dict[str, Any]
     scored: str
+    shares: tuple[dict[str, Any], ...]
+    left: dict[str, Any]
     noise: dict[str, float]
     coloured: tuple[str, ...]
     seconds: float
@@ -76,7 +81,7 @@ class Diagnosis:
 
     @property
     def main(self) -> str:
-        """The signal by which the error is quoted first."""
+        """The signal by which the error is quoted first: that which shows the improvement best."""
         return main_signal(self.bench.mechanism.system, self.errors)
 
     @cached_property
@@ -127,22 +132,20 @@ def diagnose(
     log.info(f"{len(options_)} candidates of {len({c.effect for c in options_})} effects, "
              f"{sum(len(c.grid) for c in options_)} shapes")  # fmt: skip
     selection = select(bench, options_, probes, where, settings)
-    verdict, rest, fit, scanned = _judge(bench, selection, probes, where, covered, settings)
+    forces = np.concatenate([run.F for run in runs])
+    verdict = judge(bench, selection, probes, where, covered, forces, settings)
+    fit, scanned = verdict.fit, verdict.scanned
     accepted = tuple(selection.accepted) if fit is selection.fit else ()
     refused = _reasons(selection, options_, accepted, settings)
-    values, ci95 = _intervals(bench, fit, scanned)
+    values, ci95 = intervals(bench, fit, scanned)
     fallback = None
-    if rest is not None and network:
+    if verdict.rest is not None and network:
         fallback = train_network(bench, fit, scanned.remaining, probes, where, scanned.sigmas)
-    before, after = check(bench, base), check(bench, fit)
-    scored = "held-out trials"
-    if before is None or after is None:
-        before, after, scored = base, fit, "fitted trials"
     units = {name: bench.tested.units[name] for name in fit.names}
     return Diagnosis(
-        verdict, accepted, refused, rest, values, ci95, units, bench.estimate,
-        compare(bench, before, after, scanned.sigmas), scored, scanned.sigmas, scanned.noise.coloured,
-        time.perf_counter() - began, settings, bench, selection, before, after, fallback,
+        verdict.name, accepted, refused, verdict.rest, verdict.trifle, values, ci95, units, bench.estimate,
+        verdict.errors, verdict.scored, verdict.shares, verdict.left, scanned.sigmas, scanned.noise.coloured,
+        time.perf_counter() - began, settings, bench, selection, verdict.before, verdict.after, fallback,
     )  # fmt: skip
 
 
@@ -165,41 +168,6 @@ def _bench(
     return bench, kinds, probes
 
 
-def _judge(
-    bench: Bench,
-    selection: Selection,
-    probes: Sequence[Remainder],
-    where: dict[str, float],
-    covered: dict[str, np.ndarray],
-    settings: Settings,
-) -> tuple[str, Unexplained | None, Fit, Scanned]:
-    """Verdict, remainder, and the fit and scan that it is about."""
-    last = [m for m in selection.last.remaining if _significant(m, selection, settings)]
-    if not last:
-        return (FOUND if selection.accepted else NOTHING), None, selection.fit, selection.last
-    if selection.accepted and not _mostly(bench, selection):
-        rest = describe(bench, selection.base, selection.first.remaining, probes, where, covered)
-        return UNEXPLAINED, rest, selection.base, selection.first
-    rest = describe(bench, selection.fit, selection.last.remaining, probes, where, covered)
-    return UNEXPLAINED, rest, selection.fit, selection.last
-
-
-def _mostly(bench: Bench, selection: Selection) -> bool:
-    """Whether the added effects explain most of what noise does not, by the main signal on trials that no fit saw.
-
-    Names that leave a good part to be explained are not the names of it.
-    """
-    pairs = [check(bench, fit) or fit for fit in (selection.base, selection.fit)]
-    errors = compare(bench, pairs[0], pairs[1], selection.last.sigmas)
-    entry = errors[main_signal(bench.mechanism.system, errors)]
-    before, after, floor = (entry[key] ** 2 for key in ("before", "after", "noise_floor"))
-    return before - after > MOSTLY * (before - floor)
-
-
-def _significant(m: Remaining, selection: Selection, settings: Settings) -> bool:
-    return m.log_p + np.log10(len(selection.last.remaining)) < settings.log_p
-
-
 def _reasons(
     selection: Selection, options: Sequence[Candidate], accepted: Sequence[Accepted], settings: Settings
 ) -> tuple[Refused, ...]:
@@ -208,7 +176,7 @@ def _reasons(
     result = {r.candidate.name: r for r in selection.refused}
     for a in selection.accepted:
         if a.candidate.name not in taken:
-            why = "explains only a part: with it the remainder stays significant"
+            why = "takes off less than a fifth of the squared error beyond the noise"
             result[a.candidate.name] = Refused(a.candidate, why)
     final = {t.candidate.name: t for t in selection.last.tested}
     first = {t.candidate.name: t for t in selection.first.tested}
@@ -218,6 +186,8 @@ def _reasons(
         t = final.get(c.name)
         if t is None:
             result[c.name] = Refused(c, "beside the effects that were added nothing is left for it")
+        elif t.untested:
+            result[c.name] = Refused(c, "could not be tested: its derivatives overflow in the simulation")
         elif t.log_p + np.log10(len(options)) > settings.log_p:
             early = first.get(c.name)
             explained = early is not None and early.log_p + np.log10(len(options)) < settings.log_p and accepted
@@ -226,22 +196,3 @@ def _reasons(
         else:
             result[c.name] = Refused(c, "significant, but other candidates explain it better or no more are added")
     return tuple(result.values())
-
-
-def _intervals(bench: Bench, fit: Fit, scanned: Scanned) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
-    """Estimates and 95 % intervals from the likelihood's curvature, its other minima and the noise's colour counted."""
-    normal = scanned.known
-    errors = np.sqrt(np.maximum(normal.covariance.diagonal(), 0.0))
-    wider = dict(zip(fit.names, fit.widening, strict=True))
-    table = {par.name: par for par in bench.tested.parameters}
-    values = {name: fit.values[name] for name in fit.names}
-    ci95 = {}
-    for name in fit.names:
-        par, error = table[name], np.nan
-        positive = par.low >= 0 and par.neutral is None
-        if name in normal.names:
-            error = wider[name] * float(errors[normal.names.index(name)])
-        if positive and error > UNTOLD * values[name]:
-            error = np.nan
-        ci95[name] = interval(values[name], error, positive)
-    return values, ci95

@@ -10,9 +10,11 @@ from matplotlib.figure import Figure
 
 from ..evaluate.picture import save_png
 from ..evaluate.style import INK
-from .diagnosis import FOUND, NOTHING, Diagnosis
+from .diagnosis import Diagnosis
 from .errors import FORCE
 from .scan import Scanned
+from .verdict import FOUND, NOTHING, PARTLY
+from .words import beyond, depends, negligible, shared, untested
 
 MOST_TRIALS, MOST_BARS = 3, 12
 INSTANTS = 200  # at which the evidence so far is drawn
@@ -37,20 +39,21 @@ def draw(folder: Path, d: Diagnosis) -> list[Path]:
 def headline(d: Diagnosis) -> str:
     """The verdict in one sentence, with the error before and after."""
     entry = d.errors[d.main]
-    change = (f"{entry['quantity']} on {d.scored}: {entry['before']:.3g} {entry['unit']} before, {entry['after']:.3g} "
-              f"after, noise {entry['noise_floor']:.3g}")  # fmt: skip
+    change = beyond(d, entry)
     if entry.get("outliers_left_out"):
         change += f" ({entry['outliers_left_out']} outliers left out)"
+    more = f"{change}.{shared(d)}{negligible(d)}{untested(d)}"
+    names = " and ".join(name_of(d, k) for k in range(len(d.accepted)))
     if d.verdict == FOUND:
-        return f"Missing: {' and '.join(name_of(d, k) for k in range(len(d.accepted)))}{_gain(d)}. {change}"
+        return f"Missing: {names}{_gain(d)}. {more}"
     if d.verdict == NOTHING:
-        return f"Nothing is missing that this recording could show. {change}"
+        return f"Nothing is missing that this recording could show{' and that matters' if d.trifle else ''}. {more}"
     rest = d.unexplained
     kind = "friction" if rest and rest.kind == "friction" else "a force"
-    if d.accepted:
-        names = " and ".join(name_of(d, k) for k in range(len(d.accepted)))
-        return f"Missing: {names}; and beyond them {kind} that depends on {_words(d)}, which no name fits. {change}"
-    return f"Something is missing that none of the names fits: {kind} that depends on {_words(d)}. {change}"
+    if d.verdict == PARTLY:
+        beside = f"{kind} that depends on {_words(d)}, which no name fits"
+        return f"Missing: {names}{_gain(d)}; and beyond that {beside}. {more}"
+    return f"Something is missing that none of the names fits: {kind} that depends on {_words(d)}. {more}"
 
 
 def name_of(d: Diagnosis, k: int) -> str:
@@ -76,29 +79,34 @@ def _gain(d: Diagnosis) -> str:
 
 
 def _words(d: Diagnosis) -> str:
-    return " or ".join((d.unexplained.depends_on if d.unexplained else ())[:3]).replace("_", " ")
+    return depends(d.unexplained) if d.unexplained else ""
 
 
 def error_figure(d: Diagnosis) -> Figure:
-    """Error over the noise floor, before and after, of every signal."""
+    """Error beyond the noise, before and after, of every signal, with 95 % intervals."""
     names = list(d.errors)
-    figure = Figure(figsize=(8, 1.6 + 0.45 * len(names)), layout="constrained")
+    figure = Figure(figsize=(8, 1.8 + 0.5 * len(names)), layout="constrained")
     axes = figure.subplots()
     place = np.arange(len(names))
-    for k, (key, color) in enumerate((("before", INK["baseline"]), ("after", INK["model"]))):
-        ratio = [d.errors[n][key] / max(d.errors[n]["noise_floor"], 1e-300) for n in names]
+    clear = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.6}
+    for k, (key, color) in enumerate((("excess_before", INK["baseline"]), ("excess_after", INK["model"]))):
+        floors = np.array([max(d.errors[n]["noise_floor"], 1e-300) for n in names])
+        value = np.array([d.errors[n][key]["value"] for n in names]) / floors
+        low, high = (np.array([d.errors[n][key]["ci95"][i] for n in names]) / floors for i in (0, 1))
         label = "declared model" if k == 0 else "augmented model"
-        bars = axes.barh(place + 0.4 * k, ratio, 0.38, color=color, label=label)
-        labels = [f"{d.errors[n][key]:.3g} {d.errors[n]['unit']}" for n in names]
-        clear = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.6}  # where the dashed line is near
-        axes.bar_label(bars, labels, padding=4, fontsize=8, bbox=clear)
-    axes.axvline(1.0, color=INK["reference"], lw=1, ls="--", label="noise floor")
+        axes.barh(place + 0.4 * k, value, 0.38, color=color, label=label)
+        reach = np.maximum([value - low, high - value], 0.0)
+        axes.errorbar(value, place + 0.4 * k, xerr=reach, fmt="none", ecolor=INK["reference"], lw=1.2, capsize=3)
+        for n, y, end in zip(names, place + 0.4 * k, np.maximum(high, value), strict=True):
+            text = f"{d.errors[n][key]['value']:.3g} {d.errors[n]['unit']}"
+            axes.annotate(text, (end, y), (5, 0), textcoords="offset points", va="center", fontsize=8, bbox=clear)
     axes.set_yticks(place + 0.2, [n.replace("_", " ") for n in names])
     axes.invert_yaxis()
     axes.margins(x=0.2)
-    axes.set_xlabel(f"rms error over the noise floor, {d.scored}")
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel(f"error beyond the noise, in multiples of the noise, {d.scored} (whiskers: 95 %)")
     axes.set_title(textwrap.fill(_short(d), 80), fontsize=11)
-    figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=3)
+    figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=2)
     return figure
 
 

@@ -11,7 +11,9 @@ import sympy as sp
 
 from ..physics.system import System
 from .bench import Bench
+from .excess import Excess, Level
 from .fit import Fit
+from .floor import APART, NEIGHBOURS, RESIDUAL, levels
 from .noise import lone
 from .observe import samples
 
@@ -32,13 +34,24 @@ def left_out(bench: Bench, fit: Fit, sigmas: Mapping[str, float]) -> Masks:
     return [{n: lone(r, sigmas[n]) for n, r in p.residuals.items() if n in sigmas} for p in fit.state.pieces]
 
 
-def signal_rms(fit: Fit, without: Masks) -> dict[str, float]:
-    """Root-mean-square distance of model and measurement by signal, SI units, all trials together."""
-    squares: dict[str, list[np.ndarray]] = {}
-    for piece, masks in zip(fit.state.pieces, without, strict=True):
-        for name, r in piece.residuals.items():
-            squares.setdefault(name, []).append(np.where(masks.get(name, False), np.nan, r) ** 2)
-    return {name: float(np.sqrt(np.nanmean(np.concatenate(own)))) for name, own in squares.items()}
+def residuals(bench: Bench, fit: Fit, without: Masks) -> dict[str, list[np.ndarray]]:
+    """Signal -> model minus measurement on each trial, shape (n,), SI units, NaN where missing; the force last.
+
+    Inputs whose noise is estimated are among them: a model bends them into what it lacks, and follows the motion then.
+    """
+    result: dict[str, list[np.ndarray]] = {}
+    for model, piece, masks in zip(fit.models, fit.state.pieces, without, strict=True):
+        for name in (*bench.problem.channels.outputs, *(n for item in model.inputs for n in item.names)):
+            r = piece.residuals.get(name, np.full(len(model.t), np.nan))
+            result.setdefault(name, []).append(np.where(masks.get(name, False), np.nan, r))
+    result = {name: own for name, own in result.items() if not all(np.isnan(r).all() for r in own)}
+    name = next(iter(result)) if bench.mechanism.system.massless else FORCE
+    return result | {name: [b - a for a, b in implied_force(bench, fit, without)]}
+
+
+def rms(own: Sequence[np.ndarray]) -> float:
+    """Root mean square over all trials."""
+    return float(np.sqrt(np.nanmean(np.concatenate(own) ** 2)))
 
 
 def implied_force(bench: Bench, fit: Fit, without: Masks) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -62,14 +75,6 @@ def implied_force(bench: Bench, fit: Fit, without: Masks) -> list[tuple[np.ndarr
     return pairs
 
 
-def force_rms(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float, float]:
-    """Root-mean-square error of the force, and that relative to the measured force."""
-    difference = np.concatenate([a - b for a, b in pairs])
-    size = float(np.sqrt(np.nanmean(np.concatenate([a for a, _ in pairs]) ** 2)))
-    error = float(np.sqrt(np.nanmean(difference**2)))
-    return error, error / max(size, 1e-300)
-
-
 def force_floor(bench: Bench, fit: Fit, sigmas: Mapping[str, float]) -> float:
     """Standard deviation that the signals' noise alone gives to the implied force."""
     system = bench.mechanism.system
@@ -88,7 +93,17 @@ def force_floor(bench: Bench, fit: Fit, sigmas: Mapping[str, float]) -> float:
 
 
 def main_signal(system: System, errors: Mapping[str, Any]) -> str:
-    """The signal by which errors are quoted first: the slip velocity, else whatever of it is measured."""
+    """The signal by which errors are quoted first.
+
+    That whose error beyond the noise drops most, relative to the drop's standard error; where none drops, that with
+    most error beyond the noise for certain; where none has any, the slip velocity, else whatever of it is measured.
+    """
+    drops = {name: e["drop_over_error"] for name, e in errors.items()}
+    certain = {name: e["excess_before"]["ci95"][0] / max(e["noise_floor"], 1e-300) for name, e in errors.items()}
+    for table in (drops, certain):
+        best = max(table, key=table.__getitem__)
+        if table[best] > 0:
+            return best
     for c in system.free:
         if system.jacobian[c.name] != 0 and not system.massless:
             for name in (c.signals[1], c.signals[0], c.signals[2]):
@@ -101,35 +116,67 @@ def compare(bench: Bench, before: Fit, after: Fit, sigmas: Mapping[str, float]) 
     """Errors of two fits on the same trials by signal, and in the implied friction force.
 
     Args:
-        sigmas: noise levels as the loss tells them, SI units.
+        sigmas: levels of the residual as the loss tells them, SI units.
 
     Returns:
-        signal -> {quantity, unit, before, after, noise_floor} and, where there are any, outliers_left_out, a number of
-        samples; the friction force that the motion implies last; the force, where it is that which is predicted, with
-        its error relative to the measured one.
+        signal -> entry, SI units; the friction force that the motion implies last. An entry holds quantity and unit;
+        before and after, rms errors; noise_floor, noise_from (differences of neighbouring samples, or residual of the
+        model) and noise_other (the other of the two where they are far apart, else None); excess_before and
+        excess_after {value, ci95}, the errors beyond the noise; block_s, length of a bootstrap's block;
+        drop_over_error, the drop of the excess over its standard error. Where there are any also
+        outliers_left_out, a number of samples; of the force, where it is that which is predicted, the errors relative
+        to the measured one.
     """
     system = bench.mechanism.system
     units = system.signal_units
     sigmas = {name: bench.problem.loss.spread * sigma for name, sigma in sigmas.items()}
-    without = left_out(bench, after, sigmas)
-    old, new = signal_rms(before, without), signal_rms(after, without)
+    without, noise = left_out(bench, after, sigmas), noises(bench, after, sigmas)
+    old, new = (residuals(bench, fit, without) for fit in (before, after))
+    times = [model.t for model in after.models]
     result: dict[str, Any] = {}
+    the_force = next(iter(old)) if system.massless else FORCE
     for name in old:
-        if name in bench.problem.channels.outputs:
-            count = sum(int(masks[name].sum()) for masks in without if name in masks)
-            floor, what = sigmas.get(name, float("nan")), f"rms error of {name} in simulation"
-            result[name] = _entry(what, units.get(name, ""), old[name], new[name], floor)
-            result[name] |= {"outliers_left_out": count} if count else {}
-    pairs = [implied_force(bench, fit, without) for fit in (before, after)]
-    (old_force, old_share), (new_force, new_share) = (force_rms(p) for p in pairs)
-    floor = force_floor(bench, after, sigmas)
-    name = next(iter(result)) if system.massless else FORCE
-    what = "measured" if system.massless else "friction"
-    result[name] = _entry(f"rms error of the {what} force", system.force_unit, old_force, new_force, floor)
-    size = old_force / max(old_share, 1e-300)
-    result[name]["relative"] = {"before": old_share, "after": new_share, "noise_floor": floor / size}
+        force = name == the_force
+        if force:
+            what = f"rms error of the {'measured' if system.massless else 'friction'} force"
+        elif name in bench.problem.channels.outputs:
+            what = f"rms error of {name} in simulation"
+        else:
+            what = f"rms error of the {name} that the model needs"
+        excess = Excess.of(times, (old[name], new[name]), noise[name])
+        result[name] = {
+            "quantity": what, "unit": system.force_unit if force else units.get(name, ""),
+            "before": rms(old[name]), "after": rms(new[name]),
+            "noise_floor": noise[name].sigma, "noise_from": noise[name].source, "noise_other": noise[name].other,
+            "excess_before": excess.told(0), "excess_after": excess.told(1),
+            "block_s": excess.block_s, "drop_over_error": excess.drop_over_error,
+        }  # fmt: skip
+        count = sum(int(masks[name].sum()) for masks in without if name in masks)
+        result[name] |= {"outliers_left_out": count} if count and not force else {}
+        if force:
+            size = max(rms([a for a, _ in implied_force(bench, before, without)]), 1e-300)
+            relative = {key: result[name][key] / size for key in ("before", "after", "noise_floor")}
+            result[name]["relative"] = relative
     return result
 
 
-def _entry(quantity: str, unit: str, before: float, after: float, floor: float) -> dict[str, Any]:
-    return {"quantity": quantity, "unit": unit, "before": before, "after": after, "noise_floor": floor}
+def along(bench: Bench, fits: Sequence[Fit], sigmas: Mapping[str, float], name: str) -> Excess:
+    """Error beyond the noise of a signal for models on the same trials, as :func:`compare` tells it of two."""
+    sigmas = {key: bench.problem.loss.spread * sigma for key, sigma in sigmas.items()}
+    without = left_out(bench, fits[-1], sigmas)
+    own = [residuals(bench, fit, without)[name] for fit in fits]
+    return Excess.of([model.t for model in fits[-1].models], own, noises(bench, fits[-1], sigmas)[name])
+
+
+def noises(bench: Bench, fit: Fit, sigmas: Mapping[str, float]) -> dict[str, Level]:
+    """Noise of every signal and of the implied force; ``sigmas`` as standard deviations."""
+    result = levels(bench, sigmas)
+    sure = [n.source for n in result.values()]
+    worst = max((n.error for n in result.values()), default=0.0)
+    source = NEIGHBOURS if sure and set(sure) == {NEIGHBOURS} else RESIDUAL
+    if not bench.mechanism.system.massless:
+        sigma = force_floor(bench, fit, {name: n.sigma for name, n in result.items()})
+        other = force_floor(bench, fit, {name: n.other or n.sigma for name, n in result.items()})
+        far = other > 0 and not 1 / APART < sigma / other < APART
+        result[FORCE] = Level(sigma, worst, source, other if far else None)
+    return result

@@ -13,6 +13,7 @@ import numpy as np
 from ..identify.descent import coarse_to_fine, cycled, resolutions
 from ..identify.likelihood import with_bristle
 from ..identify.parallel import in_parallel
+from ..identify.prior import Prior
 from ..identify.problem import Problem
 from ..identify.solve import FAINT, Evaluate, State, levenberg_marquardt, reduced
 from ..identify.trial import Piece, TrialModel
@@ -58,6 +59,7 @@ def checking(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], S
         return None
     simulator = fit.models[0].simulator
     problem = bench.problem_of(bench.checked, fit.names, fit.values, simulator)
+    problem.prior = Prior(np.zeros((0, len(problem.names))), np.zeros(0), {})  # counted once, with the fitted trials
     models = bench.equipped(bench.checked.trials, simulator)
     u = problem.space.to_search(np.array([fit.values[name] for name in problem.names]))
     bristle = _with_bristle(problem, models, u)

@@ -27,7 +27,7 @@ class Network:
         kind: "force", w in the system's unit of force; or "friction", w a share of the dry friction.
         values: weights and the units' places by name, SI units.
         fit: of all parameters and weights together.
-        errors: signal -> {quantity, unit, before, after, noise_floor}: before it and after, on ``scored``.
+        errors: before it and after, see :func:`frictionpinn.diagnose.errors.compare`.
     """
 
     effect: Remainder

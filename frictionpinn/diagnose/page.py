@@ -32,22 +32,26 @@ details {margin: 1rem 0}
 {{ r.model.declared | join(", ") }}{% endif %}. Fitted to trials {{ r.data.fitted | join(", ") }};
 {% if r.data.held_out %}held out, seen by no fit: {{ r.data.held_out | join(", ") }}{% else %}no trial could be held
 out: errors are those of the fitted trials{% endif %}. {{ r.declared.outcome | capitalize }}.</p>
-{{ figure("error", "Error of the simulation over the noise, before and after.") }}
+{{ figure("error", "Error beyond the noise, before and after, with 95 % intervals.") }}
 {{ figure("proof", "A line that climbs: second by second the recording speaks for what was added.") }}
 {% if r.effects %}<h2>What was added</h2>
 <table><tr><th>effect</th><th>parameter</th><th>value</th><th>95 % interval</th>
+<th>share of the squared error beyond the noise that it took off</th>
 <th>log10 of the chance to see it by luck</th><th>log-likelihood gained on held-out trials</th>
 <th class="text">not told apart from</th></tr>
 {% for e in r.effects %}{% for name, p in e.parameters.items() %}<tr><td>{{ e.name if loop.first }}</td>
 <td>{{ name }}</td><td>{{ number(p.value) }}{{ " " + p.unit if p.unit != "1" }}</td>
 <td>{{ span(p.ci95) }}</td>
+<td>{{ share(e.share_of_excess) if loop.first }}</td>
 <td>{{ number(e.evidence.log10_p) if loop.first }}</td>
 <td>{{ number(e.evidence.gain_held_out) if loop.first and e.evidence.gain_held_out is defined }}</td>
 <td class="text">{{ e.indistinguishable_from | join(", ") if loop.first }}</td></tr>{% endfor %}{% endfor %}</table>
 {% for e in r.effects %}{% if e.separate %}<p>To tell {{ e.name }} from {{ e.indistinguishable_from | join(", ") }}:
 {{ e.separate }}</p>{% endif %}{% endfor %}{% endif %}
 {% if r.unexplained %}<h2>What no name fits</h2>
-<p>It depends on {{ r.unexplained.depends_on | join(" or ") | replace("_", " ") }}{% if
+<p>{{ "%.2g" | format(100 * r.unexplained.size) }} % of the friction force{% if r.effects %}; of the squared error
+beyond the noise {{ share(r.left) }} is left{% endif %}.
+It depends on {{ r.unexplained.depends_on | join(" or ") | replace("_", " ") }}{% if
 r.unexplained.share is not none %}, which explains {{ "%.0f" | format(100 * r.unexplained.share) }} %
 of the remainder on the held-out trials{% endif %}{% if
 r.unexplained.formula %}; in short: {{ r.unexplained.formula }}{{
@@ -69,13 +73,22 @@ saved model; no more is known of it than the variable.</p>{% endif %}
 <td>{{ span(p.before.ci95) if p.before }}</td>
 <td>{{ number(p.value) }}</td><td>{{ span(p.ci95) }}</td></tr>{% endfor %}</table>
 <h2>Error before and after, {{ r.error.on }}</h2>
-<table><tr><th>quantity</th><th>before</th><th>after</th><th>noise floor</th></tr>
+<table><tr><th>quantity</th><th>beyond the noise, before</th><th>after</th><th>rms before</th><th>after</th>
+<th>noise</th><th class="text">known from</th></tr>
 {% for e in r.errors.values() %}<tr><td>{{ e.quantity }} ({{ e.unit }}){{
-", %d outliers left out" | format(e.outliers_left_out) if e.outliers_left_out }}</td><td>{{ number(e.before) }}</td>
-<td>{{ number(e.after) }}</td><td>{{ number(e.noise_floor) }}</td></tr>{% if e.relative %}
-<tr><td>the same, relative</td>
+", %d outliers left out" | format(e.outliers_left_out) if e.outliers_left_out }}</td>
+{% for told in (e.excess_before, e.excess_after) %}<td>{{ number(told.value) }}<br><small>{{ span(told.ci95) }}</small>
+</td>{% endfor %}<td>{{ number(e.before) }}</td><td>{{ number(e.after) }}</td><td>{{ number(e.noise_floor) }}{{
+" or " + number(e.noise_other) if e.noise_other is not none }}</td>
+<td class="text">{{ e.noise_from }}</td></tr>{% if e.relative %}
+<tr><td>the same, relative</td><td></td><td></td>
 <td>{{ "%.2f" | format(100 * e.relative.before) }} %</td><td>{{ "%.2f" | format(100 * e.relative.after) }} %</td>
-<td>{{ "%.2f" | format(100 * e.relative.noise_floor) }} %</td></tr>{% endif %}{% endfor %}</table>
+<td>{{ "%.2f" | format(100 * e.relative.noise_floor) }} %</td><td></td></tr>{% endif %}{% endfor %}</table>
+<p class="note">Beyond the noise: the square root of the mean squared error less the squared noise, with the 95 %
+interval of a bootstrap over blocks of several correlation times of the residual
+({{ "%.2g" | format(r.error.block_s) }} s for the signal quoted first).{% if far %} Two levels of noise: what
+neighbouring samples differ by, and what the model leaves; they lie far apart where the noise is correlated in time, or
+the model far off.{% endif %}</p>
 {{ figure("residual", "Model minus measurement. What stays within the band is noise.") }}
 {{ figure("dependence", "Bars beyond the dashed line: the residual still depends on that variable.") }}
 <h2>What was tried</h2>
@@ -89,7 +102,8 @@ Loss: {{ r.loss }}. {{ "%.0f" | format(r.seconds) }} s.</p>
 </body></html>
 """
 LETTERS = {*greeks, "zdot"}  # first parts of names that are letters
-_COLORS = {"effect found": "#d1495b", "nothing missing": "#2a9d8f", "unexplained": "#e9a03b"}
+_COLORS = {"effect found": "#d1495b", "nothing missing": "#2a9d8f", "partly explained": "#d9722e",
+           "unexplained": "#e9a03b"}  # fmt: skip
 
 
 def number(value: float | None) -> str:
@@ -100,6 +114,14 @@ def number(value: float | None) -> str:
 def span(ci95: Sequence[float | None]) -> str:
     """A 95 % interval in words."""
     return "not told by these data" if None in ci95 else f"{number(ci95[0])} to {number(ci95[1])}"
+
+
+def share(told: Mapping[str, Any]) -> str:
+    """A share with its 95 % interval, in per cent."""
+    if told["value"] is None:
+        return "?"
+    value, low, high = (f"{100 * x:.0f}" for x in (told["value"], *told["ci95"]))
+    return f"{value} % ({low} to {high} %)"
 
 
 def write_page(path: Path, result: Mapping[str, Any], headline: str, mathml: str, figures: Sequence[Path]) -> Path:
@@ -115,7 +137,8 @@ def write_page(path: Path, result: Mapping[str, Any], headline: str, mathml: str
     page = Environment().from_string(_PAGE)
     text = page.render(
         r=result, headline=headline, mathml=mathml, figure=figure, number=number, span=span,
-        color=_COLORS[result["verdict"]],
+        share=share,
+        color=_COLORS[result["verdict"]], far=any(e["noise_other"] is not None for e in result["errors"].values()),
         model=f"{result['model']['system']}, {result['model']['friction']}",
     )  # fmt: skip
     path.write_text(text, encoding="utf-8")

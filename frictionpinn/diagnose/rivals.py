@@ -19,6 +19,19 @@ MATE = 0.9  # cosine of two traces from which the strength of one is told from t
 Contender = tuple[Tested, Fit]
 
 
+def same(one: Tested, other: Tested, behind: float, lost: float) -> bool:
+    """Whether a rival is listed beside a winner: all trials together do not tell them apart, and both act the same way.
+
+    Neither fitted nor held-out trials decide alone: a payload that fits better by 3 and predicts worse by 3 is as
+    likely as the inertia.
+
+    Args:
+        behind: log-likelihood by which the rival fits the fitted trials worse, its parameters counted.
+        lost: log-likelihood by which it predicts the held-out trials worse.
+    """
+    return behind + lost < RIVAL and mates(one, other)
+
+
 def best_of(fits: Sequence[Contender]) -> Contender:
     return min(fits, key=lambda pair: penalised(pair[1]))
 

@@ -13,6 +13,7 @@ from .bench import Bench
 from .candidates import Candidate
 from .fit import Fit
 from .noise import Noise, fit_noise
+from .overflow import limit, overflowing, sizes, without
 from .points import Place, Tested, test_all
 from .remainder import BUMPS, Remainder
 from .rows import linearise
@@ -87,6 +88,8 @@ def scan(
     middle = {name: value for c in options for name, value in c.grid[len(c.grid) // 2].items()}
     names = (*fit.names, *strengths, *unknown)
     rows = linearise(bench, fit, names, {**middle, **places}, probed=bool(remainders))
+    wild = overflowing(rows, sizes(bench, bench.probe.mechanism.parameters, names), limit(bench, fit))
+    rows = without(rows, wild)
     noise, freedom = _noise(rows, names)
     columns = _columns(rows, noise)
     normal = Normal.of(names, columns)

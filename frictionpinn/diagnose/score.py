@@ -121,7 +121,7 @@ class Normal:
         """Statistic, degrees of freedom and the step of the strengths, shape (names,).
 
         ``scale`` holds the squared lengths of their columns before anything was projected out: what is left of them
-        below rounding counts as nothing.
+        below rounding counts as nothing, and so does a column of infinite length: one that could not be computed.
         """
         at = self.places(names)
         A, b = self.A[np.ix_(at, at)], self.b[at]

@@ -12,10 +12,12 @@ import numpy as np
 from ..identify.parallel import in_parallel
 from .bench import Bench, tried
 from .candidates import Candidate
-from .contest import Accepted, Refused, Settings, contest
+from .contest import Accepted, Refused, Settings, contest, indistinct
 from .drop import drop
 from .fit import Fit
 from .held_out import bent
+from .intervals import intervals
+from .possible import impossible
 from .remainder import Remainder
 from .restarts import blunted, lifted, peaked, widened
 from .scan import Scanned, Tested, scan
@@ -27,6 +29,7 @@ __all__ = ["Accepted", "Refused", "Selection", "Settings", "select"]
 SETTLED = 3.0  # log-likelihood that a new search must gain to count
 PROMISED = 0.5  # of what a friction brought back costs: score tests that promise less are not followed beside it
 DEAR = 1.5  # times the cost: a friction brought back that costs more after a short try is given up
+DIRECT = 8  # candidates of one parameter that could not be tested, and are refitted in a round
 MANY = 100  # shapes of candidates that are left out beside a friction that had vanished
 
 
@@ -39,6 +42,7 @@ class Selection:
         accepted: effects in the order in which they came.
         refused: candidates with a reason.
         first, last: what the scans of the declared and of the last model found.
+        fits: name of the effect that was added last -> the fit then.
     """
 
     base: Fit
@@ -47,6 +51,12 @@ class Selection:
     last: Scanned
     accepted: list[Accepted] = field(default_factory=list)
     refused: list[Refused] = field(default_factory=list)
+    fits: dict[str, Fit] = field(default_factory=dict)
+
+    @property
+    def path(self) -> list[Fit]:
+        """The fits after each effect but the last, in the order in which they came."""
+        return [self.fits[a.candidate.name] for a in self.accepted[:-1]]
 
 
 def select(
@@ -77,25 +87,50 @@ def select(
         significant = [t for t in left if t.log_p + np.log10(len(options)) < settings.log_p]
         hidden = cache(partial(_beside_vanished, bench, selection, options, settings))
         remains = _remains(selection, settings)
-        if not significant and not remains and not hidden():
+        untested = [] if selection.fit.explains else sorted(filter(_cheap, left), key=lambda t: t.candidate.usual)
+        if not significant and not remains and not untested and not hidden():
             break
         others = [t for t in left if not selection.accepted and len(t.candidate.grid) < MANY]
         variables = remainders if remains and not selection.accepted else ()
         asked = Asked([t.candidate for t in left], variables, places, settings.most)
-        before = selection.fit
-        accepted, selection.fit, refused = contest(bench, before, significant, hidden, others, settings, asked)
+        before, saved = selection.fit, replace(selection, accepted=list(selection.accepted), fits=dict(selection.fits))
+        accepted, selection.fit, refused = contest(
+            bench, before, significant, hidden, others, settings, asked, untested
+        )
         selection.refused += refused
         if accepted is None:
             break
         selection.accepted.append(accepted)
         another = accepted.tested.short is not None and leaves_another(before, selection.fit)
         _polish(bench, selection, options, remainders, places, settings, another)
+        if refusal := _impossible(bench, selection, accepted):
+            selection = replace(saved, refused=[*selection.refused, refusal])
+            continue
+        if selection.accepted:
+            selection.fits[selection.accepted[-1].candidate.name] = selection.fit
         if not selection.accepted and not again:
             # It but led out of a wrong minimum: what was refused there is asked anew.
             selection.refused, again = [], True
     if selection.accepted:
         _blunt(bench, selection)
     return selection
+
+
+def _cheap(tested: Tested) -> bool:
+    """Whether it could not be tested, and has one parameter: it is refitted without a test."""
+    return tested.untested and len(tested.candidate.strengths) == 1 and not tested.candidate.hidden
+
+
+def _impossible(bench: Bench, selection: Selection, added: Accepted) -> Refused | None:
+    """The effect that was added last, where with it one of the effects is such as no mechanism has."""
+    told = intervals(bench, selection.fit, selection.last)[1]
+    for a in selection.accepted:
+        if why := impossible(bench, a.candidate, selection.fit.values, told):
+            # A deeper search may have put a rival in its place.
+            new = added.candidate if added in selection.accepted else selection.accepted[-1].candidate
+            own = a.candidate.name == new.name
+            return Refused(new, why if own else f"with it {a.candidate.name} is not possible: {why}")
+    return None
 
 
 def _blunt(bench: Bench, selection: Selection) -> None:
@@ -128,11 +163,11 @@ def _polish(
         selection.fit = bench.settle(selection.fit, partial(bent, bench))
     deepened = rugged and not selection.fit.explains
     if deepened and not another:
-        _deepen(bench, selection)
+        _deepen(bench, selection, settings)
     if drop(bench, selection, settings) and rugged and not selection.fit.explains:
         selection.fit = bench.settle(selection.fit, partial(bent, bench))
     _rescan(bench, selection, options, remainders, places)
-    if rugged and not deepened and _doubtful(selection, options, settings) and _deepen(bench, selection):
+    if rugged and not deepened and _doubtful(selection, options, settings) and _deepen(bench, selection, settings):
         drop(bench, selection, settings)
         _rescan(bench, selection, options, remainders, places)
 
@@ -204,25 +239,32 @@ def _doubtful(selection: Selection, options: Sequence[Candidate], settings: Sett
     return min(tests, default=0.0) < settings.log_p or _remains(selection, settings)
 
 
-def _deepen(bench: Bench, selection: Selection) -> bool:
+def _deepen(bench: Bench, selection: Selection, settings: Settings) -> bool:
     """Search the last model and its close rivals from all starts: where one was fitted to a wrong minimum, what is left
     looks like an effect. Says whether the fit changed."""
     if not selection.accepted:
         return False
     last = selection.accepted[-1]
-    best, choice, cost = selection.fit, last, penalised(selection.fit)
+    best, choice, cost = selection.fit, last.tested, penalised(selection.fit)
+    level = [(last.tested, selection.fit)]
     for tested, fit in ((last.tested, selection.fit), *last.close):
         if best is not selection.fit and best.explains:
             break
         weighted = fit if fit is selection.fit else bench.refit(fit, fit.names, fit.values, selection.fit.sigmas)
         found = None if weighted is None else bench.search(weighted, fit.starts)
+        if found is not None:
+            level.append((tested, found))
         if found is not None and penalised(found) < cost - SETTLED:
-            best, cost = found, penalised(found)
-            choice = replace(
-                last, candidate=tested.candidate, tested=tested, alike=() if tested is not last.tested else last.alike
-            )
+            best, cost, choice = found, penalised(found), tested
     changed = best is not selection.fit
-    selection.fit, selection.accepted[-1] = best, choice
+    if choice is not last.tested:
+        before = selection.path[-1] if len(selection.accepted) > 1 else selection.base
+        near = indistinct(bench, before, (choice, best), level, settings)
+        alike = {t.candidate.name: (t.candidate, {n: f.values[n] for n in t.candidate.strengths}) for t, f in near}
+        if last.candidate.name in alike:  # and what could not be told from that
+            alike = {c.name: (c, values) for c, values in last.alike if c.name != choice.candidate.name} | alike
+        last = replace(last, candidate=choice.candidate, tested=choice, alike=tuple(alike.values()))
+    selection.fit, selection.accepted[-1] = best, last
     return changed
 
 

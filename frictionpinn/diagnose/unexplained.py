@@ -33,6 +33,7 @@ class Unexplained:
         x, shape, error: the remainder over the first variable, and its standard error, shape (POINTS,).
         unit: of the shape.
         log_p: how significant.
+        size: root mean square of its force over that of the friction force.
     """
 
     depends_on: tuple[str, ...]
@@ -44,6 +45,7 @@ class Unexplained:
     error: np.ndarray
     unit: str
     log_p: float
+    size: float
 
 
 def describe(
@@ -53,6 +55,7 @@ def describe(
     remainders: Sequence[Remainder],
     places: dict[str, float],
     covered: dict[str, np.ndarray],
+    size: float,
 ) -> Unexplained:
     """Describe what a scan found to remain.
 
@@ -61,6 +64,7 @@ def describe(
         remaining: of the scan, the most significant first.
         places: hidden parameters of the remainders.
         covered: samples of every variable.
+        size: of the first, relative to the friction force.
     """
     best = remaining[0]
     alike = [m for m in remaining if m.log_p < SIMILAR * best.log_p]
@@ -75,7 +79,7 @@ def describe(
     formula = sparse_formula(x, shape, np.sqrt(np.maximum(variance, 0.0)), best.variable)
     share = explained_share(bench, fit, best, places)
     error = np.sqrt(np.maximum(variance, 0.0))
-    return Unexplained(names, best.kind, share, formula, x, shape, error, unit, best.log_p)
+    return Unexplained(names, best.kind, share, formula, x, shape, error, unit, best.log_p, size)
 
 
 def explained_share(bench: Bench, fit: Fit, found: Remaining, places: dict[str, float]) -> float:

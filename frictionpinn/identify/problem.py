@@ -173,6 +173,6 @@ class Problem:
         pieces = tuple(part for part in found if part is not None)
         if len(pieces) < len(models) or not all(np.isfinite(part.cost) for part in pieces):
             return None
-        if prior:
+        if prior and len(self.prior.target):
             pieces = (self.prior.added(pieces[0], u), *pieces[1:])
         return State(np.asarray(u, float), tuple(locals_), pieces)

@@ -54,7 +54,7 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
     mechanism = Mechanism(system, law, tuple(options["declared"]))
     log.info(f"diagnosing {mechanism.name} on {recording.source}: fitted to {', '.join(fitted.names)}; held out: "
              f"{', '.join(held_out.names) or 'none'}")  # fmt: skip
-    settings = Settings(float(options["log10_p"]), int(options["most"]))
+    settings = Settings(float(options["log10_p"]), int(options["most"]), worth=float(options["worth"]))
     wanted = {key: options[key] for key in ("inputs", "initial", "windows", "free", "loss")}
     friction = {key: _given(cfg["friction"].get(key)) for key in ("start", "bounds", "fixed")}
     effects = None if options["effects"] == "all" else options["effects"]
@@ -102,16 +102,17 @@ def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out:
 
 
 def as_dict(d: Diagnosis) -> dict[str, Any]:
-    """A diagnosis as plain types: verdict, effects, error, unexplained, refused, parameters."""
+    """A diagnosis as plain types: verdict, effects, error, left, unexplained, refused, parameters."""
     units, rest = d.units, d.unexplained
     effects = []
-    for a in d.accepted:
+    for a, own in zip(d.accepted, d.shares, strict=True):
         names = [n for n in (*a.candidate.strengths, *a.candidate.hidden) if n in d.values]
         effects.append({
             "name": a.candidate.effect,
             "group": a.candidate.group,
             "parameters": {n: {"value": d.values[n], "unit": units[n], "ci95": [plain(x) for x in d.ci95[n]]}
                            for n in names},
+            "share_of_excess": own,
             "evidence": {key: plain(float(value)) for key, value in a.evidence.items()},
             "indistinguishable_from": list(dict.fromkeys(c.effect if c.effect != a.candidate.effect else c.name
                                                          for c, _ in a.alike)),
@@ -129,8 +130,12 @@ def as_dict(d: Diagnosis) -> dict[str, Any]:
         "effects": effects,
         "error": main | {"on": d.scored},
         "errors": d.errors,
+        "left": d.left,
+        "negligible": None if d.trifle is None else {
+            "depends_on": list(d.trifle.depends_on), "kind": d.trifle.kind, "size": d.trifle.size,
+        },
         "unexplained": None if rest is None else {
-            "depends_on": list(rest.depends_on), "kind": rest.kind, "share": plain(rest.share),
+            "size": rest.size, "depends_on": list(rest.depends_on), "kind": rest.kind, "share": plain(rest.share),
             "formula": rest.formula, "unit": rest.unit, "log10_p": plain(rest.log_p),
             "shape": {"x": rest.x.tolist(), "y": rest.shape.tolist(), "std": rest.error.tolist()},
             "network": _network(d),
@@ -220,6 +225,10 @@ def checked(cfg: Config) -> dict[str, Any]:
     if not isinstance(options["most"], int) or options["most"] < 1:
         raise UserError("impossible number of effects", where="diagnose.most", received=options["most"],
                         allowed="at least 1")  # fmt: skip
+    worth = options["worth"]
+    if not isinstance(worth, int | float) or isinstance(worth, bool) or not 0 <= worth < 1:
+        raise UserError("impossible share", where="diagnose.worth", received=worth,
+                        allowed="a share of the friction force, 0.01 for 1 %; 0: whatever is significant")  # fmt: skip
     choose(options["fallback"] or "null", {"null": 1, "network": 1}, "diagnose.fallback")
     choose(options["loss"], {"auto": 1, "gaussian": 1, "robust": 1}, "diagnose.loss")
     if options["windows"] is not None and not (np.isfinite(options["windows"]) and options["windows"] > 0):

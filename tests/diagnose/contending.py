@@ -23,7 +23,7 @@ def option(effect: str, trace: int = 0, statistic: float = 0.0):
     own = np.eye(40)[trace]
     return SimpleNamespace(
         candidate=Candidate(effect, effect, (effect,), bends=effect == "stribeck_shape"),
-        beside=None, short=None, trace=own, shape={}, statistic=statistic, step={},
+        beside=None, short=None, untested=False, trace=own, shape={}, statistic=statistic, step={},
     )  # fmt: skip
 
 

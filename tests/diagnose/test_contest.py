@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from frictionpinn.diagnose import contest
@@ -21,17 +22,23 @@ def contender(effect: str, cost: float, held: float = 0.0, as_fitted: float | No
     )  # fmt: skip
     candidate = Candidate(effect, effect, (effect,))
     return SimpleNamespace(
-        candidate=candidate, beside=None, freedom=1, statistic=200.0, log_p=-30.0, step={}, short=None
-    ), fit
+        candidate=candidate, beside=None, freedom=1, statistic=200.0, log_p=-30.0, step={}, short=None, untested=False,
+        trace=np.eye(1, 30, len(effect))[0],
+    ), fit  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
-def held_out(monkeypatch):
+def no_mechanism(monkeypatch):
+    """What held-out trials say; and effect -> why no mechanism has it."""
+    no_mechanism = {}
+
     def gain(bench, before, fit, enough):
         return fit.as_fitted if fit.as_fitted >= enough else max(fit.as_fitted, fit.held)
 
     monkeypatch.setattr(contest, "compared_gains", lambda bench, before, fits: [fit.held for fit in fits])
     monkeypatch.setattr(contest, "held_out_gain", gain)
+    monkeypatch.setattr(contest, "impossible", lambda bench, candidate, values: no_mechanism.get(candidate.effect, ""))
+    return no_mechanism
 
 
 def decided(first, *near):
@@ -104,3 +111,43 @@ def test_a_fit_from_windows_that_held_out_trials_refuse_is_searched_anew_and_ask
     assert (found is not None) is accepted
     assert after is (lower if accepted else before)
     assert [r.candidate.effect for r in refused] == ([] if accepted else ["drag"])
+
+
+def test_a_value_that_no_mechanism_has_is_refused_with_the_reason_and_the_next_is_asked(monkeypatch, no_mechanism):
+    fits = [contender("delay", 100.0, 50.0), contender("drag", 120.0, 40.0)]
+    monkeypatch.setattr(contest, "refitted", lambda *a: fits)
+    monkeypatch.setattr(contest, "contenders", lambda significant: [[tested] for tested, _ in fits])
+    no_mechanism["delay"] = "longer than a period of the fastest motion"
+    accepted, _, refused = contest.contest(None, contender("nothing", 300.0)[1], (), tuple, (), contest.Settings())
+    assert accepted.candidate.effect == "drag"
+    assert [(r.candidate.effect, r.why) for r in refused] == [("delay", no_mechanism["delay"])]
+
+
+@pytest.mark.parametrize(
+    ("inertia", "payload", "alike"),
+    [
+        ((103.0, 50.0), (100.0, 46.0), ["payload"]),  # fits better by 3, predicts worse by 4: 1 in all
+        ((100.0, 50.0), (101.0, 0.9), []),  # held-out trials tell them apart
+        ((101.0, 1.2), (100.0, 0.9), ["payload"]),  # refused by the held-out trials, by a hair
+        ((100.0, 50.0), (107.0, 50.0), []),
+    ],
+)
+def test_what_acts_the_same_and_all_trials_together_do_not_tell_apart_is_listed_not_refused(
+    monkeypatch, inertia, payload, alike
+):
+    fits = [contender("inertia", *inertia), contender("payload", *payload)]
+    fits[1][0].trace = fits[0][0].trace
+    fits.sort(key=lambda pair: pair[1].state.cost)
+    monkeypatch.setattr(contest, "refitted", lambda *a: fits)
+    monkeypatch.setattr(contest, "contenders", lambda significant: [[tested] for tested, _ in fits])
+    accepted, _, refused = contest.contest(None, contender("nothing", 300.0)[1], (), tuple, (), contest.Settings())
+    assert accepted.candidate.effect == "inertia" and [c.effect for c, _ in accepted.alike] == alike
+    assert not alike or not refused
+
+
+def test_what_acts_otherwise_is_not_listed_however_well_it_fits(monkeypatch):
+    fits = [contender("adhesion", 100.0, 46.0), contender("drag", 103.0, 50.0)]
+    monkeypatch.setattr(contest, "refitted", lambda *a: fits)
+    monkeypatch.setattr(contest, "contenders", lambda significant: [[tested] for tested, _ in fits])
+    accepted, _, refused = contest.contest(None, contender("nothing", 300.0)[1], (), tuple, (), contest.Settings())
+    assert not accepted.alike and [r.candidate.effect for r in refused] == ["adhesion"]

@@ -70,6 +70,10 @@ def test_an_undeclared_constant_force_is_named_measured_and_proved():
     assert low <= 0.15 <= high and high - low < 0.05
     entry = d.errors[d.main]
     assert entry["after"] < 1.1 * entry["noise_floor"] and entry["after"] < entry["before"]
+    before, after = entry["excess_before"], entry["excess_after"]
+    assert after["ci95"][0] <= after["value"] <= after["ci95"][1] < before["ci95"][0] <= before["value"]
+    assert before["value"] == pytest.approx(np.sqrt(entry["before"] ** 2 - entry["noise_floor"] ** 2))
+    assert all(e["noise_from"].startswith("differences") for e in d.errors.values())
     assert found.evidence["gain_held_out"] > 0
     t, gained = evidence_so_far(d, 0)
     assert gained[0] == 0 and gained[-1] == pytest.approx(found.evidence["gain_held_out"], rel=0.1)
@@ -102,7 +106,7 @@ def test_a_force_without_a_name_is_unexplained_its_variable_is_said_and_a_networ
     assert "position" in d.unexplained.depends_on[:2]
     assert d.unexplained.share > 0.5
     for entry in d.network.errors.values():
-        assert entry["after"] < 1.1 * min(entry["noise_floor"], entry["before"]), d.network.errors
+        assert entry["after"] < 1.15 * min(entry["noise_floor"], entry["before"]), d.network.errors
     save_augmented(tmp_path / "augmented.yaml", d, {})
     mechanism, values = load_augmented(tmp_path / "augmented.yaml")
     assert [e.name for e in mechanism.effects] == ["remainder_position"]
@@ -123,7 +127,8 @@ def test_the_command_reads_a_file_and_writes_what_it_promises(tmp_path):
     (effect,) = result["effects"]
     entry = effect["parameters"]["asymmetric_viscous"]
     assert entry["ci95"][0] <= 1.2 <= entry["ci95"][1] and entry["unit"] == "N*s/m"
-    assert {"quantity", "unit", "before", "after", "noise_floor"} <= set(result["error"])
+    assert {"quantity", "unit", "before", "after", "noise_floor", "noise_from"} <= set(result["error"])
+    assert {"value", "ci95"} == set(result["error"]["excess_before"]) == set(result["errors"]["x"]["excess_after"])
     assert result["data"]["held_out"] == ["3"] and result["unexplained"] is None
     assert all({"name", "why"} == set(entry) for entry in result["refused"])
     assert "Missing: asymmetric_viscous" in done.stdout
@@ -167,6 +172,7 @@ def test_the_command_tells_an_impossible_option_in_one_line(measured, override, 
     [
         ("diagnose.log10_p=3", "a negative number"),
         ("diagnose.most=0", "at least 1"),
+        ("diagnose.worth=2", "a share of the friction force"),
         ("diagnose.loss=square", "gaussian"),
         ("diagnose.fallback=net", "did you mean 'network'"),
         ("diagnose.signals=[velocity]", "diagnose.signals"),

@@ -113,8 +113,11 @@ def test_a_rival_is_compared_at_the_noise_levels_of_the_fit_and_wins_where_its_s
         refit=lambda own, names, values, sigmas: levels.append(sigmas) or at_those,
         search=lambda own, starts: better if own is at_those else selection.fit,
     )
-    assert _deepen(bench, selection) and selection.fit is better and levels == [{"v": 0.1}]
+    near = [(SimpleNamespace(candidate=SPRING), SimpleNamespace(values=VALUES))]
+    monkeypatch.setattr(selecting, "indistinct", lambda bench, before, winner, level, settings: near)
+    assert _deepen(bench, selection, Settings()) and selection.fit is better and levels == [{"v": 0.1}]
     assert selection.accepted[-1].candidate is RIPPLE
+    assert [c for c, _ in selection.accepted[-1].alike] == [SPRING]  # what it took the place of is not forgotten
 
 
 def test_nothing_is_looked_for_beside_a_friction_that_vanished_once_an_effect_explains_the_residual(selection):

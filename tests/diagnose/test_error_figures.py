@@ -34,6 +34,23 @@ def test_a_model_that_lacks_nothing_has_the_error_of_the_noise_whether_or_not_th
     assert 0.8 < found[FORCE]["after"] / found[FORCE]["noise_floor"] < 1.2
 
 
+def test_inputs_are_reported_as_the_model_needs_them_and_of_an_imposed_motion_only_the_force_is_a_force():
+    found = errors(GaussianNoise(0.02))
+    assert (
+        found["force"]["quantity"] == "rms error of the force that the model needs" and "relative" not in found["force"]
+    )
+    system = SYSTEMS["damper"]()
+    truth = {"mu_c": 3.0, "sigma_2": 20.0}
+    trials = [{"duration": 2.0, "x": "0.02*sin(2*pi*t)"}, {"duration": 2.0, "x": "0.03*sin(3*pi*t)"}]
+    made = GaussianNoise(0.02)(simulate_recording(system, "coulomb_viscous", truth, trials, 200.0), 0)
+    mechanism = Mechanism(system, LAWS["coulomb_viscous"]())
+    bench = Bench(mechanism, mechanism, mechanism, made, made.select(()))
+    fit = bench.base()
+    found = compare(bench, fit, fit, fit.levels(bench.problem.loss))
+    assert [name for name, e in found.items() if "relative" in e] == [next(iter(found))] and len(found) > 1
+    assert {name: e["unit"] for name, e in found.items()} == {n: system.signal_units[n] for n in found}
+
+
 def test_only_residuals_that_stand_alone_are_outliers():
     r = np.zeros(40)
     r[[0, 20]], r[30:34] = 9.0, 9.0

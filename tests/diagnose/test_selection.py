@@ -15,7 +15,7 @@ from frictionpinn.diagnose.select import Settings, select
 @pytest.fixture
 def rounds(monkeypatch):
     """A selection whose rounds accept what ``accepted`` names, and from which ``dropped`` are taken out again."""
-    seen = SimpleNamespace(asked=[], accepted=[], dropped=[])
+    seen = SimpleNamespace(asked=[], accepted=[], dropped=[], why=lambda name: "")
     spring, ripple = option("spring_force", 0), option("ripple", 1)
     for tested in (spring, ripple):
         tested.log_p = -50.0
@@ -37,6 +37,9 @@ def rounds(monkeypatch):
     monkeypatch.setattr(selecting, "contest", contest)
     monkeypatch.setattr(selecting, "_polish", polish)
     monkeypatch.setattr(selecting, "_blunt", lambda *a: None)
+    monkeypatch.setattr(selecting, "intervals", lambda *a: ({}, {}))
+    monkeypatch.setattr(selecting, "impossible", lambda bench, c, values, ci95: seen.why(c.name))
+    monkeypatch.setattr(selecting, "_beside_vanished", lambda *a: [])
     monkeypatch.setattr(selecting, "widened", lambda bench, found: found)
     monkeypatch.setattr(selecting, "scan", lambda *a: scanned)
     bench = SimpleNamespace(base=lambda: fit(1000))
@@ -57,3 +60,22 @@ def test_one_that_is_dropped_a_second_time_is_asked_no_more(rounds):
     selection = rounds.run()
     assert rounds.asked == [["spring_force", "ripple"]] * 2 + [["ripple"]]
     assert not selection.accepted and [r.candidate.name for r in selection.refused] == ["spring_force"]
+
+
+def test_an_effect_whose_interval_holds_zero_in_the_end_is_refused_and_the_next_is_asked(rounds):
+    rounds.accepted = ["spring_force", "ripple"]
+    rounds.why = lambda name: "its 95 % interval holds zero" if name == "spring_force" else ""
+    selection = rounds.run()
+    assert [a.candidate.name for a in selection.accepted] == ["ripple"]
+    assert [(r.candidate.name, r.why) for r in selection.refused] == [("spring_force", "its 95 % interval holds zero")]
+    assert rounds.asked[:2] == [["spring_force", "ripple"], ["ripple"]]
+
+
+def test_an_effect_that_makes_an_earlier_one_impossible_is_refused_itself(rounds):
+    rounds.accepted = ["ripple", "spring_force"]
+    rounds.why = lambda name: "no mechanism" if name == "ripple" and len(rounds.asked) > 1 else ""
+    selection = rounds.run()
+    assert [a.candidate.name for a in selection.accepted] == ["ripple"]
+    assert [(r.candidate.name, r.why) for r in selection.refused] == [
+        ("spring_force", "with it ripple is not possible: no mechanism")
+    ]

@@ -1,0 +1,65 @@
+"""Derivatives that overflow in a simulation: what they concern could not be tested, and all else is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from contending import option
+from test_possible import drive
+
+from frictionpinn.diagnose import points
+from frictionpinn.diagnose import scan as scanning
+from frictionpinn.diagnose.contest import _with_untested
+from frictionpinn.diagnose.scan import scan
+
+__all__ = ["drive"]
+NAMES = "asymmetry", "drag", "inertia"
+
+
+def scanned(drive):
+    bench, table = drive
+    return {t.candidate.name: t for t in scan(bench, bench.base(), [table[name] for name in NAMES], (), {}).tested}
+
+
+def spoilt(work, value, column):
+    """The rows that ``work`` makes, with the last tenth of a parameter's column at a value."""
+
+    def made(bench, fit, names, *rest, **options):
+        rows = work(bench, fit, names, *rest, **options)
+        for row in rows:
+            row.change[:, -row.change.shape[1] // 10 :, list(names).index(column)] = value
+        return rows
+
+    return made
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e200, 1e30])
+def test_a_candidate_whose_derivatives_overflow_could_not_be_tested_and_the_others_are(drive, monkeypatch, value):
+    usual = scanned(drive)
+    for module, name in ((points, "derivatives"), (scanning, "linearise")):
+        monkeypatch.setattr(module, name, spoilt(getattr(module, name), value, "drag"))
+    found = scanned(drive)
+    assert found["drag"].untested and found["drag"].log_p == 0.0 and found["drag"].step["drag"] > 0
+    assert not any(usual[name].untested for name in NAMES)
+    for name in ("asymmetry", "inertia"):
+        assert not found[name].untested
+        assert found[name].statistic == pytest.approx(usual[name].statistic, rel=0.05, abs=0.05)
+
+
+def test_eigenvalues_that_do_not_converge_make_no_error(drive, monkeypatch):
+    def fails(*a):
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+
+    monkeypatch.setattr(points.Normal, "test", fails)
+    assert all(t.untested for t in scanned(drive).values())
+
+
+def test_what_could_not_be_tested_is_refitted_before_what_has_hidden_parameters():
+    ripple, vibration, drag = option("ripple", 1), option("vibration", 2), option("drag", 3)
+    for tested in (ripple, vibration):
+        tested.candidate = replace(tested.candidate, hidden=("wavelength",))
+    asymmetry, delay = option("asymmetry", 4), option("delay", 5)
+    order = _with_untested([[ripple], [drag], [vibration]], [asymmetry, delay, drag])
+    assert [g[0].candidate.effect for g in order] == ["drag", "asymmetry", "delay", "ripple", "vibration"]

@@ -1,0 +1,74 @@
+"""Values that no mechanism can have, and strengths that the data do not tell from zero."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_diagnosis import recorded
+
+from frictionpinn.diagnose.bench import Bench
+from frictionpinn.diagnose.candidates import candidates, effects_for
+from frictionpinn.diagnose.observe import scales, simulations
+from frictionpinn.diagnose.possible import fastest_period, impossible, moving_mass
+from frictionpinn.physics import LAWS
+from frictionpinn.physics.mechanism import Mechanism
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """A drive of 1 kg, forces of 1 and 1.5 Hz, strokes of some centimetres; its bench and its candidates by name."""
+    system, made = recorded()
+    law = LAWS["lugre"]()
+    kinds = effects_for(system, law, ["payload", "inertia", "delay", "ripple", "asymmetry", "drag"])
+    mechanism, tested = Mechanism(system, law), Mechanism(system, law, kinds)
+    bench = Bench(mechanism, tested, tested, made, made.select(()))
+    made = candidates(kinds, system, law, scales(system, simulations(bench, bench.base())))
+    return bench, {c.name: c for c in made}
+
+
+def told(drive, name, ci95=None, **values):
+    bench, table = drive
+    strengths = dict.fromkeys((*table[name].strengths, *table[name].hidden), 0.01)
+    return impossible(bench, table[name], strengths | values, ci95)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "why"),
+    [
+        ("payload (M)", {"payload_M": -0.9}, "nothing is left of what it changes"),
+        ("payload (M)", {"payload_M": -0.5}, ""),
+        ("inertia", {"inertia": -1.01}, "makes the moving mass negative"),
+        ("inertia", {"inertia": -0.9}, ""),
+        ("asymmetry", {"asymmetry": -0.99}, "nothing is left"),
+        ("delay (force)", {"delay_force": 1.2}, "longer than a period of the fastest motion"),
+        ("delay (force)", {"delay_force": -0.05}, ""),
+        ("ripple (force)", {"ripple_wavelength": 5.0}, "above the stroke"),
+        ("ripple (force)", {"ripple_wavelength": 0.01}, ""),
+        ("drag", {"drag": np.nan}, "is no number"),
+    ],
+)
+def test_what_no_mechanism_can_have_is_refused_with_its_reason(drive, name, values, why):
+    said = told(drive, name, **values)
+    assert (why in said) if why else not said
+
+
+@pytest.mark.parametrize(
+    ("name", "ci95", "why"),
+    [
+        ("drag", {"drag": (-0.1, 0.2)}, "holds zero (-0.1 to 0.2)"),
+        ("drag", {"drag": (0.1, 0.2)}, ""),
+        ("drag", {"drag": (0.1, 0.1)}, "no width"),
+        ("drag", {"drag": (np.nan, np.nan)}, "do not tell"),
+        ("ripple (force)", {"ripple_sin": (-0.1, 0.2), "ripple_cos": (0.1, 0.3)}, ""),
+        ("ripple (force)", {"ripple_sin": (-0.1, 0.2), "ripple_cos": (-0.1, 0.3)}, "holds zero"),
+    ],
+)
+def test_a_strength_that_the_data_do_not_tell_from_zero_is_refused(drive, name, ci95, why):
+    said = told(drive, name, ci95)
+    assert (why in said) if why else not said
+
+
+def test_scales_of_the_motion_are_those_of_the_recording(drive):
+    bench, _ = drive
+    assert 0.1 < fastest_period(bench) < 0.7  # forces of 1 and 1.5 Hz, and what friction adds to them
+    assert moving_mass(bench) == pytest.approx(1.0)

@@ -1,0 +1,77 @@
+"""The four verdicts: what effects take off, and whether what is left matters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_diagnosis import Waves, diagnosed
+
+from frictionpinn.diagnose import verdict as verdicts
+from frictionpinn.diagnose.draw import headline
+from frictionpinn.diagnose.observe import ranges, simulations
+from frictionpinn.diagnose.remainder import BUMPS, Remainder, places
+from frictionpinn.diagnose.scan import Remaining
+from frictionpinn.diagnose.select import Settings
+from frictionpinn.diagnose.verdict import judge, size
+from frictionpinn.workflow.diagnose import as_dict
+
+
+@pytest.fixture(scope="module")
+def partly():
+    """Asymmetric viscous friction, which has a name, and a small force over the position, which has none."""
+    acting = {"asymmetric_viscous": 2.0, "waves": 0.15}
+    return diagnosed(["asymmetric_viscous", Waves()], acting, effects=["asymmetric_viscous", "drag"])
+
+
+def judged(d, **options):
+    system, runs = d.bench.mechanism.system, simulations(d.bench, d.selection.base)
+    probes = [e for e in d.bench.probe.mechanism.effects if isinstance(e, Remainder)]
+    covered = ranges(system, probes, runs)
+    where = {k: v for r in probes for k, v in places(r, covered[r.variable]).items()}
+    forces = np.concatenate([run.F for run in runs])
+    return judge(d.bench, d.selection, probes, where, covered, forces, Settings(**options))
+
+
+def test_a_name_that_held_out_trials_confirm_beside_a_remainder_is_part_of_the_answer(partly):
+    d = partly
+    assert d.verdict == "partly explained"
+    assert [a.candidate.effect for a in d.accepted] == ["asymmetric_viscous"]
+    assert "position" in d.unexplained.depends_on[:2] and d.unexplained.size > 0.02
+    (share,) = d.shares
+    assert share["value"] > 0.2 and share["value"] + d.left["value"] == pytest.approx(1.0)
+    assert share["ci95"][0] < share["value"] < share["ci95"][1]
+    said = headline(d)
+    assert f"asymmetric_viscous took off {100 * share['value']:.0f} %" in said and "is left; it depends on" in said
+    result = as_dict(d)
+    assert result["effects"][0]["share_of_excess"] == share and result["left"] == d.left
+    assert result["unexplained"]["size"] == d.unexplained.size and result["negligible"] is None
+
+
+def test_what_is_significant_but_smaller_than_asked_for_changes_no_verdict_and_is_said(partly):
+    found = judged(partly, worth=0.9)
+    assert found.name == "effect found" and found.rest is None and "position" in found.trifle.depends_on[:2]
+    said = headline(replace(partly, verdict=found.name, unexplained=None, trifle=found.trifle))
+    assert "Significant but small: " in said and f"{100 * found.trifle.size:.2g} % of the friction force" in said
+
+
+@pytest.mark.parametrize(("least", "name", "effects"), [(0.2, "partly explained", 1), (0.9999, "unexplained", 0)])
+def test_names_that_take_off_less_than_asked_for_leave_it_unexplained(partly, monkeypatch, least, name, effects):
+    monkeypatch.setattr(verdicts, "FIFTH", least)
+    found = judged(partly)
+    assert found.name == name and len(found.shares) == effects
+    assert (found.fit is partly.selection.fit) == bool(effects)
+    if not effects:
+        assert found.after is found.before and found.left["value"] == 1.0
+
+
+def test_the_size_of_a_remainder_is_its_share_of_the_friction_force_without_what_its_errors_make():
+    x, forces = np.linspace(0.0, 1.0, 200), 3.0 * np.ones(200)
+    where = {"position_from": 0.0, "position_step": 1.0 / (BUMPS - 1)}
+    c, none = 0.3 * np.ones(BUMPS), np.zeros((BUMPS, BUMPS))
+    force, friction = (Remaining("position", kind, -9.0, 99.0, BUMPS, c, none) for kind in ("force", "friction"))
+    assert size(friction, where, x, forces) == pytest.approx(3.0 * size(force, where, x, forces), rel=1e-6)
+    assert 0.1 < size(force, where, x, forces) < 0.2
+    loose = replace(force, errors=np.diag(c**2) * 100)
+    assert size(loose, where, x, forces) == 0.0
