@@ -59,7 +59,7 @@ def checking(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], S
         return None
     simulator = fit.models[0].simulator
     problem = bench.problem_of(bench.checked, fit.names, fit.values, simulator)
-    problem.prior = Prior(np.zeros((0, len(problem.names))), np.zeros(0), {})  # counted once, with the fitted trials
+    problem.prior = Prior.none()  # counted once, with the fitted trials
     models = bench.equipped(bench.checked.trials, simulator)
     u = problem.space.to_search(np.array([fit.values[name] for name in problem.names]))
     bristle = _with_bristle(problem, models, u)

@@ -66,7 +66,7 @@ class Short:
         own = copy.copy(bench)
         own.problem = copy.copy(bench.problem)
         own.problem.joint = False
-        own.problem.prior = Prior(np.zeros((0, 0)), np.zeros(0), {})  # each window begins where it was measured
+        own.problem.prior = Prior.none()  # each window begins where it was measured
         models = bench.equipped(windows_of(bench.problem), bench.parts.of(fit.names, fit.values))
         state = replace(fit.state, locals=tuple(model.local for model in models))
         there = replace(fit, models=models, state=state, sigmas=dict(bench.problem.sigmas))

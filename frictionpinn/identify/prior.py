@@ -66,6 +66,11 @@ class Prior:
             {n: start[n] for n in SPREADS if n in start},
         )
 
+    @classmethod
+    def none(cls) -> Prior:
+        """No prior."""
+        return cls(np.zeros((0, 0)), np.zeros(0), {}, {})
+
     @property
     def information(self) -> np.ndarray:
         """What it adds to the information on u, shape (n_u, n_u)."""
