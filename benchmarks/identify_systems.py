@@ -59,7 +59,7 @@ def study(system: str, law: str, seeds: int) -> list[str]:
 
 
 def _inside(interval: tuple[float, float], value: float) -> bool | None:
-    return None if np.isnan(interval[0]) else interval[0] <= value <= interval[1]
+    return interval[0] <= value <= interval[1] if np.isfinite(interval).all() else None
 
 
 if __name__ == "__main__":
