@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .minima import returned
 from .solve import Evaluate, Solution, State, levenberg_marquardt
 
 if TYPE_CHECKING:
@@ -56,15 +57,16 @@ def coarse_to_fine(
 def cycled(
     evaluate: Evaluate, found: Solution, limits: tuple[np.ndarray, np.ndarray], widths: Sequence[float]
 ) -> list[Solution]:
-    """The minimum and those found from it by going back to a coarser resolution and down again, lowest first.
+    """The minimum and others found from it by going back to a coarser resolution and down again, lowest first.
 
     Each time farther back: one level, half of them, all.
     """
     minima = [found]
     for depth in sorted({1, len(widths) // 2, len(widths) - 1} - {0}):
         other = coarse_to_fine(evaluate, minima[0].state, limits, widths[-1 - depth :])
-        if other is not None:
-            minima = sorted([*minima, other], key=lambda solution: solution.state.cost)
+        if other is None or returned(minima[0].state)(other.state):
+            continue
+        minima = sorted([*minima, other], key=lambda solution: solution.state.cost)
     return minima
 
 

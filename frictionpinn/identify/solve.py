@@ -139,7 +139,6 @@ def levenberg_marquardt(
     relative: float = 1e-10,
     decrease: float = 3e-3,
     damping: float = 1e-3,
-    visited: Callable[[State], bool] | None = None,
 ) -> Solution:
     """Minimise the cost within bounds on the global unknowns.
 
@@ -152,7 +151,6 @@ def levenberg_marquardt(
             as of :meth:`Problem.evaluate`.
         start: with derivatives.
         limits: bounds of u.
-        visited: tells whether a state lies where another search has been; there this one ends.
 
     Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05 (1999), for the damping.
     """
@@ -163,8 +161,6 @@ def levenberg_marquardt(
         full = _step(state, 0.0, limits)
         if full is not None and abs(full[2]) < decrease:
             return Solution(state, iteration, evaluations, "converged")
-        if visited is not None and visited(state):
-            return Solution(state, iteration, evaluations, KNOWN)
         rejected = 0
         while True:
             step = _step(state, damping, limits)
