@@ -72,7 +72,7 @@ def finish(
     ``SHARP`` of itself, else from its profile, to one side or to both.
     """
     state, space = solution.state, problem.space
-    information = information_of(minima or [solution], state) - problem.prior.information
+    information = information_of(minima or [solution], state, problem.prior.information)
     low, high = space.limits
     width = np.where(np.isfinite(high - low), np.maximum(high - low, 1e-12), 1.0)
     at = (state.u - low < 1e-4 * width) | (high - state.u < 1e-4 * width)

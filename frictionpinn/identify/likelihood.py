@@ -27,6 +27,7 @@ from ..physics.mechanism import Mechanism
 from .assemble import estimated_sigmas, failed, finish
 from .descent import FINE, coarse_to_fine, cycled, resolutions
 from .minima import neighbours, returned
+from .parallel import in_parallel
 from .problem import Problem
 from .result import Estimate
 from .solve import Evaluate, Solution, State, levenberg_marquardt
@@ -37,6 +38,7 @@ from .whiteness import SIGNIFICANCE, whiteness
 MOST_WINDOWS = 80  # that the search for a start simulates
 RIVAL = 15.0  # log-likelihood: a start that is worse by more is not tried on the whole trials
 NEAR = 4.0  # log-likelihood at the coarsest resolution: another start that is as near is followed as well
+STIFFNESSES, NEXT = (0.5, 2.0), 3  # times that of the fit; resolutions next to the sample from which they are followed
 ELSEWHERE = 0.1  # in log u: starts that are closer are the same
 ROUGH: dict[str, Any] = {
     "rtol": 1e-4,
@@ -168,19 +170,31 @@ def explained(problem: Problem, state: State) -> bool:
 
 
 def _ringing(problem: Problem, sigmas: Mapping[str, float], best: Found) -> Found:
-    """The fit or a lower one from a search at the single sample: a coarser resolution does not show how fast a contact
-    rings, and so not its stiffness where that is all that tells it."""
-    starts = find_start(problem, width=0.0)
-    if not starts:
-        return best
-    try:
-        models = with_bristle(problem, starts[0].state.u)
-    except (ContactLost, SimulationFailed):
-        return best
-    locals_ = tuple(model.local[: model.size(problem.joint)] for model in models)
-    begin = State(starts[0].state.u, locals_, ())
-    found = coarse_to_fine(problem.evaluator(models, sigmas), begin, problem.space.limits, [0.0])
-    return (found, models) if found is not None and found.state.cost < best[0].state.cost else best
+    """The fit or a lower one, where a contact rings faster than the coarser resolutions show: a search at the single
+    sample, and the fit with other stiffnesses, each followed from the resolutions next to the sample."""
+    limits, widths = problem.space.limits, resolutions(problem)
+    begun: list[tuple[State, tuple[TrialModel, ...], list[float]]] = []
+    for start in find_start(problem, width=0.0)[:1]:
+        try:
+            models = with_bristle(problem, start.state.u)
+        except (ContactLost, SimulationFailed):
+            continue
+        locals_ = tuple(model.local[: model.size(problem.joint)] for model in models)
+        begun.append((State(start.state.u, locals_, ()), models, [0.0]))
+    if "sigma_0" in problem.names:
+        for factor in STIFFNESSES:
+            u = best[0].state.u.copy()
+            u[problem.names.index("sigma_0")] += np.log(factor)
+            begun.append((State(np.clip(u, *limits), best[0].state.locals, ()), best[1], widths[-NEXT:]))
+
+    def followed(k: int) -> Solution | None:
+        state, models, own = begun[k]
+        return coarse_to_fine(problem.evaluator(models, sigmas), state, limits, own)
+
+    for found, (_, models, _) in zip(in_parallel(followed, [1.0] * len(begun)), begun, strict=True):
+        if found is not None and found.state.cost < best[0].state.cost:
+            best = found, models
+    return best
 
 
 def maximum_likelihood(
@@ -228,7 +242,7 @@ def maximum_likelihood(
     best = _whole(problem, starts, sigmas, known)
     if best is None:
         return failed(problem, began, before)
-    if thorough and not explained(problem, best[0].state):
+    if thorough:
         best = _ringing(problem, sigmas, best)
     solution, models = best
     minima = [solution]

@@ -50,7 +50,9 @@ def neighbours(evaluate: Evaluate, state: State, limits: tuple[np.ndarray, np.nd
     return [other for other in found if other is not None]
 
 
-def information_of(minima: Sequence[Solution], final: State | None = None) -> np.ndarray:
+def information_of(
+    minima: Sequence[Solution], final: State | None = None, known: np.ndarray | float = 0.0
+) -> np.ndarray:
     """Information on u, shape (n_g, n_g), of a likelihood with several minima: Laplace's approximation at each.
 
     The covariance is sum_k w_k (S_k^-1 + d_k d_k') with d_k the distance from the best and w_k in proportion to
@@ -59,6 +61,7 @@ def information_of(minima: Sequence[Solution], final: State | None = None) -> np
     Args:
         minima: best first.
         final: the best after a last refinement, at other noise levels: its cost does not compare with the others'.
+        known: information in each S_k that is no data's, shape (n_g, n_g): the prior's.
     """
     best = minima[0].state
     final = final or best
@@ -70,7 +73,7 @@ def information_of(minima: Sequence[Solution], final: State | None = None) -> np
         S = reduced(state)[0]
         sign, logdet = np.linalg.slogdet(S)
         if sign > 0 or not parts:
-            parts.append((state.u, S, best.cost - cost - 0.5 * logdet))
+            parts.append((state.u, S - known, best.cost - cost - 0.5 * logdet))
     if len(parts) == 1:
         return parts[0][1]
     weights = np.exp(np.array([w for _, _, w in parts]) - max(w for _, _, w in parts))

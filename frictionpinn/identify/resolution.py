@@ -66,4 +66,4 @@ def averaged(rows, weight, half):
 
 def samples_within(t: np.ndarray, width: float) -> int:
     """Samples to each side of a window whose weight falls to half within ``width``, s; 0: every sample by itself."""
-    return min(int(width / float(np.median(np.diff(t)))), (len(t) - 1) // 2) if width > 0 else 0
+    return min(int(width / float(np.median(np.diff(t))) + 1e-6), (len(t) - 1) // 2) if width > 0 else 0

@@ -1,0 +1,141 @@
+"""Coarse to fine in time: residuals at a resolution, the way down, and what counts as noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from frictionpinn.data.noise import GaussianNoise
+from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.identify import Problem, bound, maximum_likelihood
+from frictionpinn.identify.descent import coarse_to_fine, resolutions
+from frictionpinn.identify.likelihood import with_bristle
+from frictionpinn.identify.resolution import averaged, samples_within
+from frictionpinn.identify.solve import State, levenberg_marquardt
+from frictionpinn.identify.whiteness import SIGNIFICANCE, whiteness
+from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
+
+SYSTEM = SYSTEMS["drive"](M=1.36)
+TRUTH = {"sigma_0": 20200.0, "sigma_1": 243.0, "sigma_2": 0.119, "mu_c": 2.67, "mu_s": 4.8, "v_s": 4.6e-3}
+TRIALS = [
+    {"duration": 1.3, "force": "7.412*sin(2*pi*1.203*t + 0.59*sin(2*pi*1.203*t))"},
+    {"duration": 1.7, "force": "6.518*sin(2*pi*0.890*t + 0.19*sin(2*pi*0.890*t))"},
+    {"duration": 2.0, "force": "4.795*sin(2*pi*(1.072*t + 0.430*t**2/2))"},
+    {"duration": 1.5, "force": "5.236*sin(2*pi*1.545*t + 0.17*sin(2*pi*1.545*t))"},
+]
+
+
+@pytest.fixture(scope="module")
+def drive():
+    clean = simulate_recording(SYSTEM, "lugre", TRUTH, TRIALS, 100.0)
+    return Mechanism(SYSTEM, LAWS["lugre"]()), clean, GaussianNoise(0.011)(clean, 21)
+
+
+def plainly(rows, weight, half):
+    """What ``averaged`` says it does, sample by sample."""
+    means, result = np.zeros_like(rows), np.zeros_like(rows)
+    there = np.zeros(rows.shape[:2])
+    for i in range(rows.shape[0]):
+        for k in range(rows.shape[1]):
+            near = [j for j in range(max(0, k - half), min(rows.shape[1], k + half + 1)) if weight[i, j]]
+            if near:
+                means[i, k], there[i, k] = rows[i, near].mean(axis=0), 1.0
+        for k in range(rows.shape[1]):
+            near = [j for j in range(max(0, k - half), min(rows.shape[1], k + half + 1)) if there[i, j]]
+            result[i, k] = means[i, near].mean(axis=0) if near else 0.0
+    return np.sqrt(half) * result[:, ::half]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(1, 9), st.integers(20, 60), st.integers(0, 2**31 - 1))
+def test_rows_are_averaged_twice_over_what_was_measured(half, n, seed):
+    rng = np.random.default_rng(seed)
+    rows, weight = rng.standard_normal((2, n, 3)), (rng.random((2, n)) > 0.2).astype(float)
+    np.testing.assert_allclose(averaged(rows, weight, half), plainly(rows, weight, half), atol=1e-12)
+
+
+def test_what_varies_slowly_keeps_its_weight_and_noise_loses_it():
+    t = np.arange(4000) / 1000.0
+    slow, noise = np.sin(2 * np.pi * 0.5 * t), np.random.default_rng(0).standard_normal(len(t))
+    for values, kept in ((slow, (0.97, 1.03)), (noise, (0.0, 0.05))):
+        rows = averaged(np.ascontiguousarray(values[None, :, None]), np.ones((1, len(t))), 20)
+        assert kept[0] < np.sum(rows**2) / np.sum(values**2) < kept[1]
+
+
+def test_a_late_stop_costs_more_than_in_proportion_only_at_a_coarse_resolution():
+    k = np.arange(400)
+    late = np.array([np.where((k >= 200) & (k < 200 + d), 1.0, 0.0) for d in (4, 8)])[:, :, None]
+    coarse = np.sum(averaged(late, np.ones((2, 400)), 20) ** 2, axis=(1, 2))
+    assert np.sum(late**2, axis=(1, 2))[1] == 2 * np.sum(late**2, axis=(1, 2))[0]
+    assert coarse[1] > 3.5 * coarse[0]  # as the square: a descent sees where to go
+
+
+def test_a_resolution_is_a_time_not_a_number_of_samples():
+    assert samples_within(np.arange(0, 2, 0.01), 0.05) == 5
+    assert samples_within(np.arange(0, 2, 0.001), 0.05) == pytest.approx(50, abs=1)
+    assert samples_within(np.arange(0, 2, 0.01), 0.0) == 0
+
+
+def test_resolutions_end_at_the_single_sample(drive):
+    widths = resolutions(Problem(drive[0], drive[2]))
+    assert widths[-1] == 0.0 and widths[-2] >= 0.01
+    assert widths == sorted(widths, reverse=True)
+
+
+def test_from_coarse_to_fine_gets_where_the_single_sample_does_not(drive):
+    mechanism, clean, noisy = drive
+    problem = Problem(mechanism, noisy, sigmas=GaussianNoise(0.011).levels(clean))
+    off = {"sigma_0": 2.0, "sigma_1": 0.7, "sigma_2": 1.0, "mu_c": 1.05, "mu_s": 0.85, "v_s": 2.0}
+    u = problem.space.to_search(np.array([TRUTH[n] * off[n] for n in problem.names]))
+    models = with_bristle(problem, u)
+    evaluate, locals_ = problem.evaluator(models), tuple(model.local for model in models)
+    down = coarse_to_fine(evaluate, State(u, locals_, ()), problem.space.limits, resolutions(problem))
+    plain = levenberg_marquardt(evaluate, evaluate(u, locals_, True), problem.space.limits)
+    assert down.state.cost < plain.state.cost - 50
+
+
+def test_a_fit_is_not_behind_one_that_starts_at_the_truth(drive):
+    mechanism, _, noisy = drive
+    estimate = maximum_likelihood(mechanism, noisy)
+    problem = Problem(mechanism, noisy, sigmas=estimate.sigmas)
+    u = problem.space.to_search(np.array([TRUTH[n] for n in problem.names]))
+    models = with_bristle(problem, u)
+    first = State(u, tuple(model.local for model in models), ())
+    reference = coarse_to_fine(problem.evaluator(models), first, problem.space.limits, resolutions(problem))
+    assert estimate.outcome == "converged"
+    assert estimate.cost < reference.state.cost + 2
+    for name, (low, high) in estimate.ci95.items():
+        assert low / 1.1 < TRUTH[name] < high * 1.1
+
+
+def test_the_bound_leaves_the_problem_as_it_was_and_counts_no_prior(drive):
+    mechanism, clean, noisy = drive
+    levels = GaussianNoise(0.011).levels(clean)
+    problem = Problem(mechanism, noisy, sigmas=levels, bounds={"mu_s": (5.0, 9.0)})
+    before = problem.space
+    from frictionpinn.identify.bound import bound_of
+
+    found = bound_of(problem, TRUTH)
+    assert problem.space is before
+    few = bound(mechanism, clean.select([clean.trials[0].name]), TRUTH, sigmas={k: 30 * v for k, v in levels.items()})
+    assert not few.relative["v_s"] < 1.0  # a prior would make it at most 1.5
+    assert found.relative["mu_c"] < 0.01
+
+
+def test_white_noise_is_noise_and_ringing_or_a_slow_remainder_is_not():
+    rng, t = np.random.default_rng(1), np.arange(1500) / 500.0
+    noise = [rng.standard_normal(len(t)) for _ in range(3)]
+    assert whiteness({"v": noise}, 50) > SIGNIFICANCE
+    for extra in (0.3 * np.sin(2 * np.pi * 120 * t), 0.2 * np.sin(2 * np.pi * 0.7 * t)):
+        assert whiteness({"v": [r + extra for r in noise]}, 50) < SIGNIFICANCE
+
+
+def test_a_model_that_lacks_an_effect_never_says_converged():
+    effect = {"spring_stiffness": 40.0, "spring_rest": 0.0}
+    made = simulate_recording(SYSTEM, "lugre", TRUTH | effect, TRIALS, 200.0, ("spring_force",))
+    estimate = maximum_likelihood(Mechanism(SYSTEM, LAWS["lugre"]()), GaussianNoise(0.02)(made, 0))
+    assert estimate.outcome != "converged"
+    assert any("lacks something" in sentence for sentence in estimate.advice)
