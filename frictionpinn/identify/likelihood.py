@@ -7,7 +7,8 @@ acceleration, and a small change of the parameters changes nothing. So the searc
 1. over short windows, each begun anew from what was measured, at a coarse resolution in time: a design over what the
    sliding samples do not tell, the best refined (:func:`find_start`);
 2. over whole trials, noisy inputs among the unknowns, from that resolution to the single sample, each minimum the start
-   of the next (:func:`coarse_to_fine`);
+   of the next (:func:`coarse_to_fine`); at the sample alone, which shows how fast a contact rings (:func:`_ringing`);
+   and back and down again (:func:`cycled`);
 3. at the noise levels that the residuals show, until these settle.
 """
 
@@ -273,4 +274,4 @@ def maximum_likelihood(
     spent = time.perf_counter() - began, problem.simulations - before
     white = explained(problem, solution.state)
     found = finish(problem, models, solution, sigmas, *spent, minima=minima, beside=beside, white=white)
-    return replace(found, details=found.details | {"starts": tuple(starts)})
+    return replace(found, details=found.details | {"starts": tuple(starts), "prior": problem.prior.about})

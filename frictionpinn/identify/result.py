@@ -34,7 +34,8 @@ class Estimate:
         seconds: wall-clock time.
         sigmas: signal -> noise standard deviation, SI units.
         residuals: trial -> signal -> model minus measurement, shape (n,), SI units.
-        details: what only some estimators know; ``values``: where the search ended, of parameters not told too.
+        details: what only some estimators know; ``prior``: what was expected of static friction and Stribeck velocity,
+            in words (the intervals are without it).
     """
 
     estimator: str
@@ -79,6 +80,7 @@ class Estimate:
             },
             "covariance": [[plain(x) for x in row] for row in self.covariance],
             "correlation": [[plain(x) for x in row] for row in self.correlation],
+            "prior": dict(self.details.get("prior", {})),
             "cost": plain(self.cost),
             "n_simulations": self.n_simulations,
             "seconds": self.seconds,
