@@ -170,12 +170,13 @@ def explained(problem: Problem, state: State) -> bool:
     return whiteness(rows, round(resolutions(problem)[0] / interval)) > SIGNIFICANCE
 
 
-def _ringing(problem: Problem, sigmas: Mapping[str, float], best: Found) -> Found:
+def _ringing(problem: Problem, sigmas: Mapping[str, float], best: Found, anew: bool) -> Found:
     """The fit or a lower one, where a contact rings faster than the coarser resolutions show: a search at the single
-    sample, and the fit with other stiffnesses, each followed from the resolutions next to the sample."""
+    sample, if it is to be made ``anew``, and the fit with other stiffnesses, followed from the resolutions next to it.
+    """
     limits, widths = problem.space.limits, resolutions(problem)
     begun: list[tuple[State, tuple[TrialModel, ...], list[float]]] = []
-    for start in find_start(problem, width=0.0)[:1]:
+    for start in find_start(problem, width=0.0)[:1] if anew else []:
         try:
             models = with_bristle(problem, start.state.u)
         except (ContactLost, SimulationFailed):
@@ -238,13 +239,14 @@ def maximum_likelihood(
     else:
         problem = Problem(mechanism, recording, **options)
     before = problem.simulations
+    anew = not starts
     starts = list(starts) or find_start(problem, start, asis=known is None)
     sigmas = first_sigmas(problem, starts[0].state) if starts else dict(problem.sigmas)
     best = _whole(problem, starts, sigmas, known)
     if best is None:
         return failed(problem, began, before)
     if thorough:
-        best = _ringing(problem, sigmas, best)
+        best = _ringing(problem, sigmas, best, anew)
     solution, models = best
     minima = [solution]
     if thorough:
