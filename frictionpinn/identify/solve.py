@@ -54,7 +54,7 @@ class Solution:
     reason: str
 
 
-KNOWN = "known"  # why a search ended that came where another had been
+KNOWN = "known"  # reason of a solution that was given, not searched
 Evaluate = Callable[..., State | None]  # (u, locals, derivatives, **options of Problem.evaluate)
 
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem, bound, maximum_likelihood
+from frictionpinn.identify.bound import bound_of
 from frictionpinn.identify.descent import coarse_to_fine, resolutions
 from frictionpinn.identify.likelihood import with_bristle
 from frictionpinn.identify.resolution import averaged, samples_within
@@ -116,8 +117,6 @@ def test_the_bound_leaves_the_problem_as_it_was_and_counts_no_prior(drive):
     levels = GaussianNoise(0.011).levels(clean)
     problem = Problem(mechanism, noisy, sigmas=levels, bounds={"mu_s": (5.0, 9.0)})
     before = problem.space
-    from frictionpinn.identify.bound import bound_of
-
     found = bound_of(problem, TRUTH)
     assert problem.space is before
     few = bound(mechanism, clean.select([clean.trials[0].name]), TRUTH, sigmas={k: 30 * v for k, v in levels.items()})
