@@ -3,38 +3,44 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from threading import Lock
 from typing import Any
 
 import numpy as np
 
 from ..data.recording import Recording
-from ..identify.descent import cycled, resolutions
-from ..identify.likelihood import maximum_likelihood
-from ..identify.minima import moved
+from ..errors import UserError
+from ..identify.descent import coarse_to_fine, cycled, resolutions
 from ..identify.prior import Prior
 from ..identify.problem import Problem, in_parallel
-from ..identify.result import FAILED
-from ..identify.solve import KNOWN, Evaluate, Solution, levenberg_marquardt, reduced
+from ..identify.solve import Evaluate, reduced
 from ..identify.space import Space
 from ..identify.start import default_bounds
 from ..identify.trial import TrialModel
 from ..identify.units import Sizes
-from ..numerics.simulate import Simulation, Simulator
+from ..numerics.simulate import Simulation, Simulator, Values
+from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
 from .declared import fit_declared
 from .fit import Fit
-from .parts import Parts
-from .restarts import peaked
 
-LONGEST = 150.0  # times the steps that simulate all trials once: a refit that takes more is given up
-WEIGHED = 0.1  # relative change of the noise levels below which a search at others still counts
+LONGEST = 1500.0  # times the steps that simulate all trials once: a budget, beyond which a refit is given up
 RELAXED = 1e3  # factor by which viscous friction may fall below the bounds of the declared model
-SHORT = 12  # iterations of a try that may be given up
-NEAR = 50.0  # log-likelihood: behind what is to be beaten by more it is
-REFIT: dict[str, Any] = {"iterations": 40, "decrease": 0.05}
+BACK = 0.1  # of its start value: from where friction that vanished beside something missing is estimated anew
+
+
+class Part(Simulator):
+    """A simulator that takes the parameters of a wider mechanism too, and leaves out what it lacks."""
+
+    def parameters(self, p: Values) -> np.ndarray:
+        """See :meth:`Simulator.parameters`; names of other parameters are passed over."""
+        return self._vector(p) if isinstance(p, Mapping) else super().parameters(p)
+
+    def __reduce__(self):
+        return Part, (self.mechanism,)
 
 
 class Bench:
@@ -46,6 +52,7 @@ class Bench:
         probed: that with forces that depend on a variable in any way, for a look at what remains.
         fitted: trials to fit.
         held_out: trials that no fit sees; may have none.
+        start: start values of parameters, SI units.
         options: of :class:`Problem`.
     """
 
@@ -60,26 +67,26 @@ class Bench:
         **options: Any,
     ):
         self.mechanism, self.tested = mechanism, tested
-        self.problem, self.estimate, options = fit_declared(mechanism, fitted, start, options)
-        self.parts, self.probe = Parts(mechanism, tested), Simulator(probed)
-        self.simulator = self.parts.whole
+        self.problem, self.estimate, self.options = fit_declared(mechanism, fitted, start, options)
+        self.simulator, self.probe = Simulator(tested), Simulator(probed)
         self.defaults = {par.name: par.value for par in tested.parameters} | tested.system.values
         self.declared = tuple(self.problem.names)
         self.held_out = held_out
-        self.options = options
-        self.judged: dict[tuple, Any] = {}  # what the held-out trials said of fits
+        self.widths = resolutions(self.problem)
+        self._own = {e.name: e.parameters_on(tested.system, tested.law) for e in tested.effects}
+        self._made: dict[tuple[str, ...], Simulator] = {}
+        self._making = Lock()
 
     @cached_property
     def sizes(self) -> Sizes:
         """How large the effects' parameters are on this data."""
-        runs = self.simulate(self.base())
-        force = float(np.sqrt(np.mean(np.concatenate([run.F for run in runs]) ** 2)))
+        force = float(np.sqrt(np.mean(np.concatenate([run.F for run in self.runs]) ** 2)))
         return Sizes(self.tested, self.problem.motions, force)
 
     @cached_property
-    def usual_steps(self) -> int:
-        """Steps of the integrator that simulate all trials once, at the declared model's fit."""
-        return sum(len(run.steps.interval) for run in self.simulate(self.base()))
+    def runs(self) -> list[Simulation]:
+        """Every trial at the declared model's fit."""
+        return self.simulate(self.base)
 
     @cached_property
     def checked(self) -> Problem | None:
@@ -88,17 +95,29 @@ class Bench:
             return None
         return Problem(self.mechanism, self.held_out, **(self.options | {"sigmas": self.estimate.sigmas}))
 
-    # fits ----------------------------------------------------------------------------------------------------
-    def base(self) -> Fit:
-        """The declared model as fitted, on the mechanism that holds the effects at their neutral values."""
-        details = self.estimate.details
-        values = self._complete(self.problem.values(details["state"].u))
-        models = self.equipped(details["models"], self.parts.of(self.declared, values))
-        state = details["state"]
-        locals_ = tuple(
-            _longer(x, old, new) for x, old, new in zip(state.locals, details["models"], models, strict=True)
-        )
-        return Fit(self.declared, values, models, replace(state, locals=locals_), dict(self.estimate.sigmas))
+    # simulators ----------------------------------------------------------------------------------------------
+    def part(self, names: Iterable[str], values: Mapping[str, float]) -> Simulator:
+        """The declared mechanism with only the effects that these free parameters, or the others' values, switch on:
+        what is switched off costs time too. Compiled on first use.
+
+        Those that bring a bristle are part of all: with one a trial has one unknown more. The whole mechanism where an
+        effect cannot act without others that are switched off.
+        """
+        free, declared = set(names), {e.name for e in self.mechanism.effects}
+
+        def acts(effect: Effect) -> bool:
+            own = [par for par in self._own[effect.name] if par.neutral is not None]
+            return any(par.name in free or values.get(par.name, par.neutral) != par.neutral for par in own)
+
+        effects = tuple(e for e in self.tested.effects if e.name in declared or e.memory or acts(e))
+        key = tuple(e.name for e in effects)
+        with self._making:
+            if key not in self._made:
+                try:
+                    self._made[key] = Part(Mechanism(self.tested.system, self.tested.law, effects))
+                except UserError:
+                    self._made[key] = self.simulator
+            return self._made[key]
 
     def equipped(self, models: Sequence[TrialModel], simulator: Simulator) -> tuple[TrialModel, ...]:
         """Models on a mechanism with effects; where one brings a bristle, its initial state is unknown as well."""
@@ -110,6 +129,22 @@ class Bench:
                     force_scale=0.25 * stroke)
             for model in models
         )  # fmt: skip
+
+    # fits ----------------------------------------------------------------------------------------------------
+    @cached_property
+    def base(self) -> Fit:
+        """The declared model as fitted, on the mechanism that holds the effects at their neutral values."""
+        details = self.estimate.details
+        state = details["state"]
+        values = self._complete(self.problem.values(state.u))
+        models = self.equipped(details["models"], self.part(self.declared, values))
+        locals_ = tuple(
+            np.concatenate([x[: len(old.states)], [new.start[n] for n in new.states[len(old.states) :]],
+                            x[len(old.states) :]])
+            for x, old, new in zip(state.locals, details["models"], models, strict=True)
+        )  # fmt: skip
+        return Fit(self.declared, values, models, replace(state, locals=locals_), dict(self.estimate.sigmas),
+                   span=self.widths[0], minima=tuple(details["minima"]))  # fmt: skip
 
     def _complete(self, values: Mapping[str, float]) -> dict[str, float]:
         return {k: float(v) for k, v in (self.defaults | dict(values)).items() if v is not None}
@@ -146,78 +181,73 @@ class Bench:
             made.prior = Prior.of(made.space, problem.prior.start, made.fixed)
         return made
 
-    @cached_property
-    def starts(self) -> list[dict[str, float]]:
-        """Parameters of the declared model from short windows, where what is missing does not add up: best first."""
-        return [
-            dict(zip(self.declared, self.problem.space.to_values(s.state.u).tolist(), strict=True))
-            for s in self.estimate.details["starts"][:1]
-        ]
-
     def refit(
         self,
         fit: Fit,
         names: Sequence[str],
         values: Mapping[str, float],
+        *,
         sigmas: Mapping[str, float] | None = None,
         limits: Mapping[str, tuple[float, float]] | None = None,
-        **options: Any,
+        widths: Sequence[float] = (0.0,),
+        around: bool = False,
     ) -> Fit | None:
         """Estimate ``names`` anew from these values and the fit's unknowns of the trials; None where that fails.
 
-        ``options`` are those of :func:`levenberg_marquardt`.
+        Args:
+            fit: where the trials' unknowns start.
+            names: free parameters.
+            values: of all parameters, SI units.
+            sigmas: noise levels; by default the fit's.
+            limits: of parameters beside their usual ones.
+            widths: resolutions in time that are followed, s, the coarsest first.
+            around: look for other minima by going back to coarser resolutions and down again.
         """
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
+        values |= {
+            name: max(values[name], BACK * self.problem.start[name])
+            for name in {"mu_c", "sigma_2"} & set(names) & set(self.problem.names)
+        }
         probing = fit.models[0].simulator is self.probe
-        simulator = self.probe if probing else self.parts.of(names, values)
+        simulator = self.probe if probing else self.part(names, values)
         models = tuple(replace(model, simulator=simulator) for model in fit.models)
         problem = self.problem_of(self.problem, names, values, simulator, limits)
         evaluate = self._evaluator(problem, models, sigmas)
-        first = evaluate(problem.space.to_search(np.array([values[name] for name in problem.names])), fit.locals, True)
-        if first is None:
-            return None
+        u = problem.space.to_search(np.array([values[name] for name in problem.names]))
         try:
-            found = levenberg_marquardt(evaluate, first, problem.space.limits, **(REFIT | options))
+            found = coarse_to_fine(evaluate, replace(fit.state, u=u), problem.space.limits, widths)
+            if found is None:
+                return None
+            minima = [found]
+            if around:
+                minima = cycled(evaluate, found, problem.space.limits, self.widths)
         except np.linalg.LinAlgError:  # derivatives that overflow
             return None
-        return Fit(problem.names, problem.values(found.state.u), models, found.state, sigmas)
+        state = minima[0].state
+        return Fit(problem.names, problem.values(state.u), models, state, sigmas, widths[-1], fit.span,
+                   tuple(minima) if around else ())  # fmt: skip
 
-    def settle(self, fit: Fit, bent: Callable[[Fit, Fit], bool] = lambda old, new: False) -> Fit:
-        """The lowest minimum that a search from all starts finds, at the noise that the fit's residuals show.
-
-        The fit stays in its own where ``bent`` says of that and the lowest that the latter is not to be had.
-        """
+    def settle(self, fit: Fit) -> Fit:
+        """The fit at the noise levels that its residuals show, and the lowest of the minima around it."""
         sigmas = fit.levels(self.problem.loss)
-        new = self.refit(fit, fit.names, fit.values, sigmas)
-        found: Fit | None
-        if new is None:
-            new, found = fit, self._anew(fit, True)
-        elif fit.searched and max(abs(np.log(sigmas[name] / fit.sigmas[name])) for name in sigmas) < WEIGHED:
-            found = replace(new, minima=fit.minima, searched=True) if fit.minima else self._around(new)
-        else:
-            found = self._anew(new, True, fit.starts)
-        if found is None or found.state.cost > new.state.cost or (found.state is not new.state and bent(new, found)):
-            return replace(new, searched=True, starts=fit.starts)
-        return found
+        found = self.refit(fit, fit.names, fit.values, sigmas=sigmas, around=not fit.white)
+        return found or fit
 
-    def without(self, fit: Fit, gone: Sequence[str], held: Sequence[str] = ()) -> Fit:
-        """The fit with strengths ``gone`` at zero and all else but ``held`` where the quadratic model has its minimum.
+    def without(self, fit: Fit, gone: Sequence[str], held: Sequence[str] = ()) -> dict[str, float]:
+        """Values with strengths ``gone`` at zero and all else but ``held`` where the quadratic model has its minimum.
 
         With information S and the step d_1 of what goes, the others move by d_2 = -S_22^-1 S_21 d_1.
         """
-        if not fit.state.curved:
-            return replace(fit, values=fit.values | dict.fromkeys(gone, 0.0))
         space = self.problem_of(self.problem, fit.names, fit.values, fit.models[0].simulator).space
         out = np.array([name in gone or name in held for name in fit.names])
         step = np.where([name in gone for name in fit.names], -fit.state.u, 0.0)  # zero is zero in the search as well
         S = reduced(fit.state)[0]
         step[~out] = -np.linalg.lstsq(S[np.ix_(~out, ~out)], S[np.ix_(~out, out)] @ step[out], rcond=1e-12)[0]
-        u, locals_ = moved(fit.state, step, space.limits)
-        values = fit.values | dict(zip(fit.names, space.to_values(u).tolist(), strict=True)) | dict.fromkeys(gone, 0.0)
-        return replace(fit, values=values, state=replace(fit.state, locals=tuple(locals_)))
+        u = np.clip(fit.state.u + step, *space.limits)
+        return fit.values | dict(zip(fit.names, space.to_values(u).tolist(), strict=True)) | dict.fromkeys(gone, 0.0)
 
     def _evaluator(self, problem: Problem, models: Sequence[TrialModel], sigmas: Mapping[str, float]) -> Evaluate:
-        last = problem.simulator.steps_taken + LONGEST * self.usual_steps
+        last = problem.simulator.steps_taken + LONGEST * sum(len(run.steps.interval) for run in self.runs)
 
         def evaluate(u, locals_, derivatives, **options):
             if problem.simulator.steps_taken > last:
@@ -231,53 +261,6 @@ class Bench:
         limits = {par.name: (par.low, par.high) for par in self.tested.parameters}
         return {name: min(max(value, limits[name][0]), limits[name][1]) for name, value in values.items()}
 
-    def search(self, fit: Fit, starts: Sequence[Solution] = ()) -> Fit:
-        """The fit or, where a search from all starts finds it, a better one.
-
-        Of a fit that such a search led to, only a static friction that vanished is brought back. ``starts`` are those
-        of a search at other noise levels.
-        """
-        anew = None if fit.searched else self._anew(fit, fit.explains, starts)
-        if anew is not None and anew.state.cost < fit.state.cost and anew.explains and not fit.explains:
-            return anew  # out of the wrong minimum
-        back = peaked(self.problem, fit.values)
-        near = fit.state.cost + NEAR
-        found = in_parallel(lambda k: tried(self, fit, fit.names, back[k], near), [1.0] * len(back))
-        lower = [f for f in (anew, *found) if f is not None and f.state.cost < fit.state.cost]
-        if lower:
-            return min(lower, key=lambda f: f.state.cost)
-        return replace(fit, searched=True, starts=fit.starts if anew is None else anew.starts)
-
-    def _around(self, fit: Fit) -> Fit:
-        """The lowest minimum that restarts around the fit find."""
-        problem = self.problem_of(self.problem, fit.names, fit.values, fit.models[0].simulator)
-        evaluate = self._evaluator(problem, fit.models, fit.sigmas)
-        found, limits = Solution(fit.state, 0, 0, KNOWN), problem.space.limits
-        minima = cycled(evaluate, found, limits, resolutions(self.problem))
-        state = minima[0].state
-        return replace(fit, values=problem.values(state.u), state=state, minima=tuple(minima), searched=True)
-
-    def _anew(self, fit: Fit, thorough: bool, starts: Sequence[Solution] = ()) -> Fit | None:
-        """A search from all starts, given or of short windows, and if ``thorough`` around the lowest that it finds."""
-        simulator = self.parts.of(fit.names, fit.values)
-        problem = self.problem_of(self.problem, fit.names, fit.values, simulator)
-        problem.trials = self.equipped(problem.trials, simulator)
-        problem.motions = [
-            replace(motion, model=replace(motion.model, simulator=simulator)) for motion in problem.motions
-        ]
-        start = {name: fit.values[name] for name in problem.names}
-        problem.start, problem.given = start, dict(fit.sigmas)
-        problem.sigmas = dict(fit.sigmas)
-        known = (Solution(fit.state, 0, 0, KNOWN), fit.models) if fit.state.curved else None
-        estimate = maximum_likelihood(problem, start=start, known=known, starts=starts, thorough=thorough)
-        if estimate.outcome == FAILED:
-            return None
-        details = estimate.details
-        values = problem.values(details["state"].u)
-        found = Fit(problem.names, values, details["models"], details["state"], dict(fit.sigmas))
-        minima = details["minima"] if thorough else ()
-        return replace(found, minima=minima, searched=True, starts=details["starts"])
-
     def simulate(self, fit: Fit, strict: bool = False) -> list[Simulation]:
         """Every trial at the fit; ``strict`` with every candidate, where sensitivities to any are to be added."""
 
@@ -287,25 +270,3 @@ class Bench:
 
         return in_parallel(work, [len(model.t) for model in fit.models])
 
-
-def tried(
-    bench: Bench,
-    fit: Fit,
-    names: Sequence[str],
-    values: Mapping[str, float],
-    near: float,
-    limits: Mapping[str, tuple[float, float]] | None = None,
-) -> Fit | None:
-    """Refit, given up after a short try that does not bring the cost below ``near``."""
-    found = bench.refit(fit, names, values, limits=limits, iterations=SHORT)
-    if found is None or found.state.cost > near:
-        return found
-    more = bench.refit(found, found.names, found.values, limits=limits)
-    return found if more is None else more
-
-
-def _longer(local: np.ndarray, old: TrialModel, new: TrialModel) -> np.ndarray:
-    """A trial's unknowns with those of the states that were added, at their start."""
-    n = len(old.states)
-    added = [new.start[name] for name in new.states[n:]]
-    return np.concatenate([local[:n], added, local[n:]])

@@ -17,8 +17,8 @@ from ..physics.mechanism import Mechanism
 from .bench import Bench
 from .candidates import Candidate, candidates, effects_for
 from .errors import main_signal
+from .evidence import surprise
 from .fit import Fit
-from .held_out import compared_gains
 from .intervals import intervals
 from .network import Network, train_network
 from .observe import ranges, scales, simulations
@@ -87,7 +87,9 @@ class Diagnosis:
     @cached_property
     def gain_within_errors(self) -> float:
         """Log-likelihood that the held-out trials gain where the parameters may move within their errors."""
-        return compared_gains(self.bench, self.selection.base, [self.selection.fit])[0]
+        after = replace(self.selection.fit, sigmas=self.selection.base.sigmas)
+        old, new = (surprise(self.bench, fit) for fit in (self.selection.base, after))
+        return 0.0 if old is None or new is None else old - new
 
 
 def diagnose(
@@ -119,7 +121,7 @@ def diagnose(
     began, settings = time.perf_counter(), settings or Settings()
     held_out = held_out or Recording((), fitted.units)
     bench, kinds, probes = _bench(mechanism, fitted, held_out, effects, start, options)
-    base = bench.base()
+    base = bench.base
     runs = simulations(bench, base)
     system = mechanism.system
     options_ = candidates(kinds, system, mechanism.law, scales(system, runs))

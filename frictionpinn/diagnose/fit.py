@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,10 +12,7 @@ from ..identify.loss import Loss
 from ..identify.minima import information_of
 from ..identify.solve import Solution, State, reduced
 from ..identify.trial import TrialModel
-
-SPANS = 5, 20, 60  # samples over which autocorrelations are summed: what a model lacks is slower than that
-CORRELATED = 4.5  # standard deviations of such a sum, from which the residual is more than white noise
-FAR = 5.0  # standard deviations at which lone residuals are cut
+from ..identify.whiteness import SIGNIFICANCE, whiteness
 
 
 @dataclass(frozen=True)
@@ -28,10 +24,10 @@ class Fit:
         values: all parameters of the tested mechanism by name, SI units.
         models: of the trials.
         state: unknowns and cost.
-        sigmas: noise levels that weighted the residuals.
+        sigmas: noise levels that weighted the residuals, SI units.
+        width: resolution in time at which model and measurement were compared, s; 0: sample by sample.
+        span: time over which what a model lacks may stay correlated, s.
         minima: of the likelihood around it, where they were looked for, best first.
-        searched: whether a search from all starts led here, or found nothing lower.
-        starts: of that search, from short windows.
     """
 
     names: tuple[str, ...]
@@ -39,14 +35,20 @@ class Fit:
     models: tuple[TrialModel, ...]
     state: State
     sigmas: dict[str, float]
+    width: float = 0.0
+    span: float = 0.0
     minima: tuple[Solution, ...] = ()
-    searched: bool = False
-    starts: tuple[Solution, ...] = ()
 
     @property
     def locals(self) -> tuple[np.ndarray, ...]:
         """Unknowns of each trial."""
         return self.state.locals
+
+    @property
+    def cost(self) -> float:
+        """Negative log-likelihood, and half of log n for every parameter (Bayesian information criterion)."""
+        count = sum(len(model.t) * len(model.outputs) for model in self.models)
+        return self.state.cost + 0.5 * len(self.names) * float(np.log(count))
 
     @property
     def widening(self) -> np.ndarray:
@@ -60,13 +62,7 @@ class Fit:
         return np.sqrt(np.maximum(several / np.maximum(one, 1e-300), 1.0))
 
     @property
-    def count(self) -> int:
-        """Samples of all signals."""
-        return sum(len(model.t) * len(model.outputs) for model in self.models)
-
-    @property
     def _residuals(self) -> dict[str, list[np.ndarray]]:
-        """Signal -> residuals of each trial that has it."""
         names = dict.fromkeys(name for piece in self.state.pieces for name in piece.residuals)
         return {name: [p.residuals[name] for p in self.state.pieces if name in p.residuals] for name in names}
 
@@ -80,32 +76,10 @@ class Fit:
         return result
 
     @cached_property
-    def correlation(self) -> float:
-        """How far the residuals are from white noise: the largest sum of autocorrelations over the signals, in its
-        standard deviation under white noise.
-
-        For one signal of n samples and a span of L lags it is sqrt(n / L) sum_{l=1}^{L} rho_l. It asks for no noise
-        level, and estimated unknowns only lower it.
-        """
-        return max((_correlation(own) for own in self._residuals.values()), default=0.0)
-
-    @property
-    def explains(self) -> bool:
-        """Whether the residuals are as white as noise."""
-        return self.correlation < CORRELATED
-
-
-def _correlation(series: Sequence[np.ndarray]) -> float:
-    rows = [np.nan_to_num(r) for r in series]
-    size = float(np.median(np.abs(np.concatenate(rows)))) / 0.6745
-    if size == 0.0:
-        return 0.0
-    rows = [np.clip(r / size, -FAR, FAR) for r in rows]
-    lags = SPANS[-1]
-    products = np.zeros(lags + 1)
-    for r in rows:
-        for lag in range(min(lags + 1, len(r))):
-            products[lag] += float(r[lag:] @ r[: len(r) - lag])
-    count = sum(map(len, rows))
-    sums = np.cumsum(products[1:]) / products[0]
-    return max(float(np.sqrt(count / span) * sums[span - 1]) for span in SPANS)
+    def white(self) -> bool:
+        """Whether the residuals of the outputs are as white as noise, see
+        :func:`frictionpinn.identify.whiteness.whiteness`."""
+        outputs = dict.fromkeys(name for model in self.models for name in model.outputs)
+        interval = min(float(np.median(np.diff(model.t))) for model in self.models)
+        rows = {name: own for name, own in self._residuals.items() if name in outputs}
+        return whiteness(rows, round(self.span / interval)) > SIGNIFICANCE

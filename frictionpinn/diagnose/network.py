@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from .bench import Bench
 from .errors import compare
+from .evidence import check
 from .fit import Fit
-from .held_out import check
 from .remainder import Remainder
 from .rows import on_probe
 from .scan import Remaining

@@ -72,7 +72,7 @@ def fastest_period(bench: Bench) -> float:
     """Period of the fastest motion, s: of each trial the frequency below which most of the slip velocity's power lies,
     the largest of all trials."""
     fastest = 0.0
-    for run in simulations(bench, bench.base()):
+    for run in simulations(bench, bench.base):
         t = np.linspace(run.t[0], run.t[-1], len(run.t))
         power = np.abs(np.fft.rfft(np.interp(t, run.t, run.v_slip))[1:]) ** 2
         if power.sum() > 0:
@@ -89,4 +89,4 @@ def moving_mass(bench: Bench) -> float:
         return np.inf
     (c,) = slipping
     slope = -sp.diff(system.friction_implied, c.symbols[2]) / system.jacobian[c.name]
-    return min(float(samples(system, run, slope).min()) for run in simulations(bench, bench.base()))
+    return min(float(samples(system, run, slope).min()) for run in simulations(bench, bench.base))

@@ -10,6 +10,7 @@ import numpy as np
 from ..identify import linear
 from ..identify.linear import Rows, weighted
 from ..identify.problem import in_parallel
+from ..identify.resolution import averaged, samples_within
 from ..numerics.simulate import Simulation
 from ..numerics.tangent import Tangent
 from .bench import Bench
@@ -25,7 +26,8 @@ def linearise(
 
     def work(k: int) -> Rows:
         model = replace(fit.models[k], simulator=simulator)
-        return linear.linearise(model, p, fit.locals[k], fit.sigmas, bench.problem.loss, names, bench.problem.joint)
+        made = linear.linearise(model, p, fit.locals[k], fit.sigmas, bench.problem.loss, names, bench.problem.joint)
+        return _resolved(made, model.t, fit.width)
 
     return in_parallel(work, [len(model.t) for model in fit.models])
 
@@ -82,4 +84,15 @@ def responses(bench: Bench, fit: Fit, candidate: Candidate, along: Sequence[Tang
 def _weighted(bench: Bench, fit: Fit, k: int, changes: Mapping[str, np.ndarray]) -> Rows:
     model = fit.models[k]
     J = np.stack([changes[key] for key in model.outputs.values()])
-    return weighted(model, fit.state.pieces[k].residuals, J, fit.sigmas, bench.problem.loss)
+    made = weighted(model, fit.state.pieces[k].residuals, J, fit.sigmas, bench.problem.loss)
+    return _resolved(made, model.t, fit.width)
+
+
+def _resolved(rows: Rows, t: np.ndarray, width: float) -> Rows:
+    """The rows at a resolution in time, s."""
+    half = samples_within(t, width)
+    if not half:
+        return rows
+    every = np.concatenate([rows.r[:, :, None], rows.change, rows.local], axis=2)
+    every, n = averaged(every, np.ones(rows.r.shape), half), rows.change.shape[2]
+    return replace(rows, r=np.ascontiguousarray(every[:, :, 0]), change=every[:, :, 1 : n + 1], local=every[:, :, n + 1 :])

@@ -1,36 +1,84 @@
-"""Forward selection: the most significant candidates are refitted with all parameters, and one is kept if it proves
-itself on trials that no fit saw."""
+"""Forward selection of what a declared model lacks: tested, refitted, judged on trials that no fit saw."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
 
 import numpy as np
+from scipy.stats import chi2
 
 from ..identify.parallel import in_parallel
-from .bench import Bench, tried
+from .bench import Bench
 from .candidates import Candidate
-from .contest import Accepted, Refused, Settings, contest, indistinct
-from .drop import drop
+from .evidence import surprise
 from .fit import Fit
-from .held_out import bent
 from .intervals import intervals
 from .possible import impossible
 from .remainder import Remainder
-from .restarts import blunted, lifted, peaked, widened
 from .scan import Scanned, Tested, scan
-from .tries import better, leaves_another, penalised
-from .windows import Asked
+from .score import ALIKE
 
-__all__ = ["Accepted", "Refused", "Selection", "Settings", "select"]
+log = logging.getLogger(__name__)
 
-SETTLED = 3.0  # log-likelihood that a new search must gain to count
-PROMISED = 0.5  # of what a friction brought back costs: score tests that promise less are not followed beside it
-DEAR = 1.5  # times the cost: a friction brought back that costs more after a short try is given up
-DIRECT = 8  # candidates of one parameter that could not be tested, and are refitted in a round
-MANY = 100  # shapes of candidates that are left out beside a friction that had vanished
+
+@dataclass(frozen=True)
+class Settings:
+    """What a diagnosis may be told.
+
+    Attributes:
+        log_p: decimal logarithm of the chance, over all candidates, below which one counts as significant: one
+            recording in 10,000 that lacks nothing is said to.
+        most: effects that are added at most, a budget.
+        refits: candidates that are refitted after each kind of score test, a budget.
+        followed: the best of these that are searched for other minima, a budget.
+        told_apart: evidence, in log-likelihood, from which one model is better than another for certain: 400 to 1.
+        tied: evidence below which the more usual effect stands first: less than 3 to 1.
+        same: cosine of what two candidates explain, from which they act the same way.
+        gain: log-likelihood that the held-out trials must gain: a model that is no better there gains nothing.
+        worth: root mean square of what is left over that of the friction force, from which it matters: friction itself
+            repeats to a few per cent from day to day, and a long recording makes far less significant.
+    """
+
+    log_p: float = -4.0
+    most: int = 4
+    refits: int = 5
+    followed: int = 2
+    told_apart: float = 6.0
+    tied: float = 1.0
+    same: float = 0.9
+    gain: float = 1.0
+    worth: float = 0.01
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A candidate that was not added, and why."""
+
+    candidate: Candidate
+    why: str
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """A candidate that was added.
+
+    Attributes:
+        candidate, tested: what was found.
+        evidence: statistic, log10_p, gain on the fitted and on the held-out trials.
+        alike: candidates that explain the same data as well, with the strengths that they would have.
+    """
+
+    candidate: Candidate
+    tested: Tested
+    evidence: dict[str, float]
+    alike: tuple[tuple[Candidate, dict[str, float]], ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its parameters."""
+        return (*self.candidate.strengths, *self.candidate.hidden)
 
 
 @dataclass
@@ -39,9 +87,9 @@ class Selection:
 
     Attributes:
         base, fit: the declared model, and the last accepted one, on the fitted trials.
+        first, last: what the score tests at the declared and at the last model found.
         accepted: effects in the order in which they came.
         refused: candidates with a reason.
-        first, last: what the scans of the declared and of the last model found.
         fits: name of the effect that was added last -> the fit then.
     """
 
@@ -59,6 +107,20 @@ class Selection:
         return [self.fits[a.candidate.name] for a in self.accepted[:-1]]
 
 
+@dataclass(frozen=True)
+class Contender:
+    """A candidate with its refit, and what trials that no fit saw say of that (negative log-likelihood)."""
+
+    tested: Tested
+    fit: Fit
+    surprise: float | None = None
+
+    @property
+    def cost(self) -> float:
+        """Negative evidence of all trials."""
+        return self.fit.cost + (self.surprise or 0.0)
+
+
 def select(
     bench: Bench,
     options: Sequence[Candidate],
@@ -66,214 +128,262 @@ def select(
     places: Mapping[str, float],
     settings: Settings,
 ) -> Selection:
-    """Add effects one by one while a significant one proves itself.
+    """Find what the declared model lacks.
+
+    1. The declared model is fitted by maximum likelihood, from a coarse resolution in time to the single sample.
+    2. Every candidate, and every force and friction that depends on one variable in any way, is score-tested at the fit:
+       at the sample and, where that leaves more than noise, at a coarse resolution too, where a stop that comes late
+       spoils less.
+    3. The most significant are refitted with all parameters from where they were tested down to the sample, and ranked
+       by their evidence.
+    4. Those that are not told apart are judged by the evidence of the held-out trials. What stays within reach of the
+       winner and acts the same way is reported as alike, the more usual effect first.
+    5. The winner is kept if fitted and held-out trials both speak for it and a mechanism can have it; what it makes
+       superfluous is taken out; and again from 2.
+    6. What is left is judged by :func:`frictionpinn.diagnose.verdict.judge`.
 
     Args:
         bench: the fitted declared model.
         options: candidates.
-        remainders, places: see :func:`frictionpinn.diagnose.scan.scan`.
-        settings: thresholds.
+        remainders, places: forces that depend on a variable, see :func:`frictionpinn.diagnose.scan.scan`.
+        settings: significances and budgets.
     """
-    fit = widened(bench, bench.base())
-    found = scan(bench, fit, options, remainders, places)
-    selection, again = Selection(fit, fit, found, found), False
+
+    def tested(fit: Fit, accepted: Sequence[Accepted]) -> Scanned:
+        taken = {name for a in accepted for name in a.candidate.strengths}
+        # What shapes an effect that is part of the model is known: its other strengths are tested with that.
+        present = {a.candidate.effect for a in accepted}
+        left = [replace(c, hidden=(), grid=({},)) if c.effect in present else c for c in options]
+        return scan(bench, fit, [c for c in left if not taken & set(c.strengths)], remainders, places)
+
+    chance = settings.log_p - float(np.log10(max(len(options), 1)))
+    fit = bench.base
+    scanned = tested(fit, ())
+    selection = Selection(fit, fit, scanned, scanned)
     while len(selection.accepted) < settings.most:
-        taken = {name for a in selection.accepted for name in a.candidate.strengths}
+        before = selection.fit
+        passes = [(selection.last, 0.0)]
+        if not before.white and len(bench.widths) > 3:
+            width = bench.widths[min(2, len(bench.widths) - 2)]
+            coarse = bench.refit(before, before.names, before.values, widths=[width])
+            if coarse is not None:
+                passes.append((tested(coarse, selection.accepted), width))
         banned = {r.candidate.name for r in selection.refused}
-        left = [
-            t for t in selection.last.tested
-            if not taken & set(t.candidate.strengths) and t.candidate.name not in banned
+        asked = [
+            (t, width, group) for scanned, width in passes
+            for t, group in _heads([t for t in scanned.tested if t.candidate.name not in banned], chance, settings)
         ]  # fmt: skip
-        significant = [t for t in left if t.log_p + np.log10(len(options)) < settings.log_p]
-        hidden = cache(partial(_beside_vanished, bench, selection, options, settings))
-        remains = _remains(selection, settings)
-        untested = [] if selection.fit.explains else sorted(filter(_cheap, left), key=lambda t: t.candidate.usual)
-        if not significant and not remains and not untested and not hidden():
+        if not asked:
             break
-        others = [t for t in left if not selection.accepted and len(t.candidate.grid) < MANY]
-        variables = remainders if remains and not selection.accepted else ()
-        asked = Asked([t.candidate for t in left], variables, places, settings.most)
-        before, saved = selection.fit, replace(selection, accepted=list(selection.accepted), fits=dict(selection.fits))
-        accepted, selection.fit, refused = contest(
-            bench, before, significant, hidden, others, settings, asked, untested
-        )
+        found = _refitted(bench, before, asked, settings)
+        winner, alike, refused = _judged(bench, before, found, asked, settings)
         selection.refused += refused
-        if accepted is None:
+        if winner is None:
             break
-        selection.accepted.append(accepted)
-        another = accepted.tested.short is not None and leaves_another(before, selection.fit)
-        _polish(bench, selection, options, remainders, places, settings, another)
-        if refusal := _impossible(bench, selection, accepted):
-            selection = replace(saved, refused=[*selection.refused, refusal])
+        saved = replace(selection, accepted=list(selection.accepted), fits=dict(selection.fits))
+        selection.accepted.append(_accepted(before, winner, alike))
+        selection.fit = bench.settle(winner.fit)
+        _drop(bench, selection, settings)
+        selection.last = tested(selection.fit, selection.accepted)
+        if why := _impossible(bench, selection):
+            selection = replace(saved, refused=[*selection.refused, Refused(winner.tested.candidate, why)])
             continue
         if selection.accepted:
             selection.fits[selection.accepted[-1].candidate.name] = selection.fit
-        if not selection.accepted and not again:
-            # It but led out of a wrong minimum: what was refused there is asked anew.
-            selection.refused, again = [], True
-    if selection.accepted:
-        _blunt(bench, selection)
+        log.info(f"  {[a.candidate.name for a in selection.accepted]}, cost {selection.fit.state.cost:.1f}")
     return selection
 
 
-def _cheap(tested: Tested) -> bool:
-    """Whether it could not be tested, and has one parameter: it is refitted without a test."""
-    return tested.untested and len(tested.candidate.strengths) == 1 and not tested.candidate.hidden
+def _heads(tests: Sequence[Tested], chance: float, settings: Settings) -> list[tuple[Tested, list[Tested]]]:
+    """The most significant candidates, each with those that the score tests do not tell from it; and of those that
+    could not be tested, since their derivatives overflow, the ones with a single parameter."""
+    heads: list[tuple[Tested, list[Tested]]] = []
+    for t in sorted(tests, key=lambda t: t.log_p):
+        group = next((g for head, g in heads if cosine(head, t) > ALIKE), None)
+        if group is not None:
+            group.append(t)
+        elif t.log_p < chance and len(heads) < settings.refits:
+            heads.append((t, []))
+    single = [t for t in tests if t.untested and len(t.candidate.strengths) == 1 and not t.candidate.hidden]
+    return heads + [(t, []) for t in sorted(single, key=lambda t: t.candidate.usual)]
 
 
-def _impossible(bench: Bench, selection: Selection, added: Accepted) -> Refused | None:
-    """The effect that was added last, where with it one of the effects is such as no mechanism has."""
+def cosine(one: Tested, other: Tested) -> float:
+    """Of what two candidates explain: 1 where the score tests cannot tell them apart, 0 if tested elsewhere."""
+    return abs(float(one.trace @ other.trace)) if len(one.trace) == len(other.trace) else 0.0
+
+
+def _refitted(
+    bench: Bench, before: Fit, asked: Sequence[tuple[Tested, float, list[Tested]]], settings: Settings
+) -> list[Contender]:
+    """The candidates' fits, the best first: each from the resolution at which it was tested down to the sample, the
+    best of them searched for other minima."""
+
+    def refit(k: int) -> Fit | None:
+        tested, width, _ = asked[k]
+        return add(bench, before, tested, [w for w in bench.widths if w <= width])
+
+    made = in_parallel(refit, [1.0] * len(asked))
+    best: dict[str, Contender] = {}
+    for (tested, _, _), fit in zip(asked, made, strict=True):
+        name = tested.candidate.name
+        if fit is not None and (name not in best or fit.state.cost < best[name].fit.state.cost):
+            best[name] = Contender(tested, fit)
+    found = sorted(best.values(), key=lambda c: c.fit.cost)
+    rugged = [k for k, c in enumerate(found[: settings.followed]) if not c.fit.white]
+
+    def around(i: int) -> Fit | None:
+        fit = found[rugged[i]].fit
+        return bench.refit(fit, fit.names, fit.values, limits=reach(found[rugged[i]].tested), around=True)
+
+    for k, fit in zip(rugged, in_parallel(around, [1.0] * len(rugged)), strict=True):
+        found[k] = replace(found[k], fit=fit or found[k].fit)
+    return sorted(found, key=lambda c: c.fit.cost)
+
+
+def add(bench: Bench, fit: Fit, tested: Tested, widths: Sequence[float], share: float = 0.0) -> Fit | None:
+    """Refit with a candidate's strengths and hidden parameters, from neutral: Gauss-Newton moves all parameters
+    together; from a ``share`` of the step that the score test gives where no derivative holds."""
+    names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
+    share = 1.0 if tested.untested else share
+    values = {**fit.values, **tested.shape} | {name: share * value for name, value in tested.step.items()}
+    return bench.refit(fit, names, bench.clip(values), limits=reach(tested), widths=widths)
+
+
+def reach(tested: Tested) -> dict[str, tuple[float, float]]:
+    """Values that hidden parameters may take: those tried, and somewhat beyond."""
+    result = {}
+    for name in tested.candidate.hidden:
+        values = [point[name] for point in tested.candidate.grid]
+        low, high = min(values), max(values)
+        wide = 0.1 * (high - low)
+        result[name] = (low / 1.5, high * 1.5) if low > 0 else (low - wide, high + wide)
+    return result
+
+
+def _judged(
+    bench: Bench,
+    before: Fit,
+    found: Sequence[Contender],
+    asked: Sequence[tuple[Tested, float, list[Tested]]],
+    settings: Settings,
+) -> tuple[Contender | None, list[Contender], list[Refused]]:
+    """The contender that is kept, those that are alike, and those that are refused."""
+    refused: list[Refused] = []
+    reference = surprise(bench, before)
+    left = []
+    for c in found:
+        gain, need = before.state.cost - c.fit.state.cost, needed(c.tested, settings)
+        if gain < need:
+            why = f"refitted, it gains {gain:.1f} in log-likelihood; {need:.1f} are needed"
+            refused.append(Refused(c.tested.candidate, why))
+        elif why := impossible(bench, c.tested.candidate, c.fit.values):
+            refused.append(Refused(c.tested.candidate, why))
+        else:
+            left.append(c)
+    while left:
+        near = [c for c in left if c.fit.cost < left[0].fit.cost + settings.told_apart]
+        groups = {t.candidate.name: group for t, _, group in asked}
+        twins = [t for c in near[:1] for t in groups[c.tested.candidate.name]]
+        names = {c.tested.candidate.name for c in near}
+        near += _twins(bench, before, near[0], [t for t in twins if t.candidate.name not in names], settings)
+        judged = in_parallel(lambda k, own=near: surprise(bench, own[k].fit), [1.0] * len(near))
+        worst = np.inf if reference is not None else None
+        near = [replace(c, surprise=s if s is not None else worst) for c, s in zip(near, judged, strict=True)]
+        best = min(near, key=lambda c: c.cost)
+        level = [c for c in near if c.cost < best.cost + settings.tied]
+        winner = min(level, key=lambda c: (c.tested.candidate.usual, min(c.fit.values[n] for n in c.tested.step) < 0))
+        alike = [
+            c for c in near
+            if c is not winner and c.cost < best.cost + settings.told_apart
+            and cosine(c.tested, winner.tested) > settings.same
+        ]  # fmt: skip
+        gain = np.inf if reference is None or winner.surprise is None else reference - winner.surprise
+        if gain >= settings.gain:
+            names = {c.tested.candidate.name for c in (winner, *alike)}
+            refused += [
+                Refused(c.tested.candidate, f"explains less than {winner.tested.candidate.name}")
+                for c in near if c.tested.candidate.name not in names
+            ]  # fmt: skip
+            return replace(winner, surprise=gain), alike, refused
+        refused += [
+            Refused(c.tested.candidate, f"held-out trials do not improve ({gain:+.1f} in log-likelihood)")
+            for c in (winner, *alike)
+        ]  # fmt: skip
+        gone = {c.tested.candidate.name for c in (winner, *alike)}
+        left = [c for c in left if c.tested.candidate.name not in gone]
+    return None, [], refused
+
+
+def _twins(
+    bench: Bench, before: Fit, head: Contender, twins: Sequence[Tested], settings: Settings
+) -> list[Contender]:
+    """Those that the score tests did not tell from a contender, refitted from its fit, as far as they come near."""
+
+    def refit(k: int) -> Fit | None:
+        own = twins[k]
+        names = (*before.names, *own.candidate.strengths, *own.candidate.hidden)
+        values = head.fit.values | dict.fromkeys(head.tested.candidate.strengths, 0.0) | own.shape | own.step
+        if len(own.step) == len(head.tested.step) == 1:
+            ((name, step),), ((other, unit),) = own.step.items(), head.tested.step.items()
+            values[name] = head.fit.values[other] * step / unit if unit else step
+        return bench.refit(head.fit, names, bench.clip(values), limits=reach(own))
+
+    made = in_parallel(refit, [1.0] * len(twins))
+    return [
+        Contender(t, fit) for t, fit in zip(twins, made, strict=True)
+        if fit is not None and fit.cost < head.fit.cost + settings.told_apart
+        and not impossible(bench, t.candidate, fit.values)
+    ]  # fmt: skip
+
+
+def _accepted(before: Fit, winner: Contender, alike: Sequence[Contender]) -> Accepted:
+    told = np.nan if winner.tested.untested else 1.0
+    evidence = {
+        "statistic": told * winner.tested.statistic, "log10_p": told * winner.tested.log_p,
+        "gain_fitted": before.state.cost - winner.fit.state.cost,
+    }  # fmt: skip
+    if winner.surprise is not None and np.isfinite(winner.surprise):
+        evidence["gain_held_out"] = winner.surprise
+    others = tuple((c.tested.candidate, {n: c.fit.values[n] for n in c.tested.candidate.strengths}) for c in alike)
+    return Accepted(winner.tested.candidate, winner.tested, evidence, others)
+
+
+def needed(tested: Tested, settings: Settings) -> float:
+    """Log-likelihood that a candidate must gain, refitted."""
+    freedom = max(tested.freedom, 1)
+    return float(chi2.isf(10.0**settings.log_p / 50, freedom)) / 2
+
+
+def _drop(bench: Bench, selection: Selection, settings: Settings) -> None:
+    """Take out effects without which the fit is as good from where it is now.
+
+    Those that came first may not be needed beside later ones; and the last may have gained nothing but a way out of a
+    wrong minimum.
+    """
+    for a in list(selection.accepted):
+        fit = selection.fit
+        kept = {name for b in selection.accepted if b is not a for name in b.names}
+        names = tuple(n for n in fit.names if n not in a.names or n in kept)
+        gone = [n for n in a.candidate.strengths if n not in names]
+        values = bench.without(fit, gone, [n for n in a.candidate.hidden if n not in names])
+        found = bench.refit(fit, names, values)
+        loss = np.inf if found is None else found.state.cost - fit.state.cost
+        if found is not None and loss < needed(a.tested, settings):
+            why = f"not needed in the end ({loss:+.1f} in log-likelihood without it)"
+            selection.refused.append(Refused(a.candidate, why))
+            selection.accepted.remove(a)
+            selection.fit = found
+            if not selection.accepted:
+                selection.base = found
+
+
+def _impossible(bench: Bench, selection: Selection) -> str:
+    """Why one of the effects is such as no mechanism has with the last one; empty where none is."""
     told = intervals(bench, selection.fit, selection.last)[1]
     for a in selection.accepted:
         if why := impossible(bench, a.candidate, selection.fit.values, told):
-            # A deeper search may have put a rival in its place.
-            new = added.candidate if added in selection.accepted else selection.accepted[-1].candidate
-            own = a.candidate.name == new.name
-            return Refused(new, why if own else f"with it {a.candidate.name} is not possible: {why}")
-    return None
+            own = a is selection.accepted[-1]
+            return why if own else f"with it {a.candidate.name} is not possible: {why}"
+    return ""
 
-
-def _blunt(bench: Bench, selection: Selection) -> None:
-    """Take the fit that is handed over out of a minimum that the held-out trials contradict.
-
-    At the end: what a scan finds there may be but the way back to the likelier minimum.
-    """
-    fit = blunted(bench, selection.fit, partial(bent, bench))
-    if fit is not selection.fit:
-        there = scan(bench, fit, (), (), {})
-        selection.fit = fit
-        selection.last = replace(there, tested=selection.last.tested, remaining=selection.last.remaining)
-
-
-def _polish(
-    bench: Bench,
-    selection: Selection,
-    options: Sequence[Candidate],
-    remainders: Sequence[Remainder],
-    places: Mapping[str, float],
-    settings: Settings,
-    another: bool,
-) -> None:
-    """Search the likelihood with the effect that was added, take out what it makes superfluous, and scan what is left.
-
-    The likelihood of a law with memory is rugged. Where ``another`` effect is left, no other minimum is looked for.
-    """
-    rugged = bench.mechanism.memory
-    if rugged:
-        selection.fit = bench.settle(selection.fit, partial(bent, bench))
-    deepened = rugged and not selection.fit.explains
-    if deepened and not another:
-        _deepen(bench, selection, settings)
-    if drop(bench, selection, settings) and rugged and not selection.fit.explains:
-        selection.fit = bench.settle(selection.fit, partial(bent, bench))
-    _rescan(bench, selection, options, remainders, places)
-    if rugged and not deepened and _doubtful(selection, options, settings) and _deepen(bench, selection, settings):
-        drop(bench, selection, settings)
-        _rescan(bench, selection, options, remainders, places)
-
-
-def _rescan(
-    bench: Bench,
-    selection: Selection,
-    options: Sequence[Candidate],
-    remainders: Sequence[Remainder],
-    places: Mapping[str, float],
-) -> None:
-    taken = {name for a in selection.accepted for name in a.candidate.strengths}
-    # What shapes an effect that is part of the model is known: its other strengths are tested with that.
-    present = {a.candidate.effect for a in selection.accepted}
-    left = [replace(c, hidden=(), grid=({},)) if c.effect in present else c for c in options]
-    left = [c for c in left if not taken & set(c.strengths)]
-    selection.fit = widened(bench, selection.fit)
-    selection.last = scan(bench, selection.fit, left, remainders, places)
-    selection.fit = _reweighted(bench, selection.fit, selection.last)
-
-
-def _remains(selection: Selection, settings: Settings) -> bool:
-    """Whether the residual depends on a variable."""
-    tests = [m.log_p + np.log10(len(selection.last.remaining)) for m in selection.last.remaining]
-    return min(tests, default=0.0) < settings.log_p
-
-
-def _beside_vanished(
-    bench: Bench, selection: Selection, options: Sequence[Candidate], settings: Settings
-) -> list[Tested]:
-    """The best candidates beside a friction that vanished from the fit, brought back.
-
-    Some show only there: friction that rises towards rest over 5 cm/s passes for a Stribeck curve, and takes the place
-    of the real one.
-    """
-    fit = selection.fit
-    if selection.accepted and fit.explains:  # nothing is left that could hide there
-        return []
-    back = lifted(bench.problem, bench.sizes, fit.values)
-    found = _held(bench, fit, [back]) if back else _held(bench, fit, peaked(bench.problem, fit.values))
-    if found is None:
-        return []
-    banned = {r.candidate.name for r in selection.refused}
-    present = {a.candidate.effect for a in selection.accepted}
-    left = [c for c in options if c.effect not in present and c.name not in banned and len(c.grid) < MANY]
-    tested = scan(bench, found, left, (), {}).tested
-    lost = PROMISED * max(found.state.cost - fit.state.cost, 0.0)  # with it back: a candidate has to make up for that
-    return [
-        replace(t, beside=found.values)
-        for t in tested
-        if t.log_p + np.log10(len(options)) < settings.log_p and t.statistic / 2 > lost
-    ]
-
-
-def _held(bench: Bench, fit: Fit, starts: Sequence[Mapping[str, float]]) -> Fit | None:
-    """The best refit with what the starts change held there."""
-
-    def held(k: int) -> Fit | None:
-        values = starts[k]
-        names = tuple(n for n in fit.names if values[n] == fit.values[n])
-        return tried(bench, fit, names, values, DEAR * fit.state.cost)
-
-    return better(*in_parallel(held, [1.0] * len(starts)))
-
-
-def _doubtful(selection: Selection, options: Sequence[Candidate], settings: Settings) -> bool:
-    """Whether something is significant still, a candidate or a variable."""
-    tests = [t.log_p + np.log10(len(options)) for t in selection.last.tested]
-    return min(tests, default=0.0) < settings.log_p or _remains(selection, settings)
-
-
-def _deepen(bench: Bench, selection: Selection, settings: Settings) -> bool:
-    """Search the last model and its close rivals from all starts: where one was fitted to a wrong minimum, what is left
-    looks like an effect. Says whether the fit changed."""
-    if not selection.accepted:
-        return False
-    last = selection.accepted[-1]
-    best, choice, cost = selection.fit, last.tested, penalised(selection.fit)
-    level = [(last.tested, selection.fit)]
-    for tested, fit in ((last.tested, selection.fit), *last.close):
-        if best is not selection.fit and best.explains:
-            break
-        weighted = fit if fit is selection.fit else bench.refit(fit, fit.names, fit.values, selection.fit.sigmas)
-        found = None if weighted is None else bench.search(weighted, fit.starts)
-        if found is not None:
-            level.append((tested, found))
-        if found is not None and penalised(found) < cost - SETTLED:
-            best, cost, choice = found, penalised(found), tested
-    changed = best is not selection.fit
-    if choice is not last.tested:
-        before = selection.path[-1] if len(selection.accepted) > 1 else selection.base
-        near = indistinct(bench, before, (choice, best), level, settings)
-        alike = {t.candidate.name: (t.candidate, {n: f.values[n] for n in t.candidate.strengths}) for t, f in near}
-        if last.candidate.name in alike:  # and what could not be told from that
-            alike = {c.name: (c, values) for c, values in last.alike if c.name != choice.candidate.name} | alike
-        last = replace(last, candidate=choice.candidate, tested=choice, alike=tuple(alike.values()))
-    selection.fit, selection.accepted[-1] = best, last
-    return changed
-
-
-def _reweighted(bench: Bench, fit: Fit, scanned: Scanned) -> Fit:
-    """The fit at the noise levels that the last scan found."""
-    noise = scanned.noise
-    sigmas = {}
-    for name, sigma in fit.sigmas.items():
-        a = noise.coefficients.get(name, np.zeros(0))
-        sigmas[name] = sigma if len(a) else sigma * noise.scale.get(name, 1.0)
-    found = bench.refit(fit, fit.names, fit.values, sigmas)
-    return fit if found is None else replace(found, minima=fit.minima, searched=fit.searched, starts=fit.starts)

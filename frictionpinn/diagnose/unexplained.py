@@ -9,8 +9,8 @@ import numpy as np
 from sklearn.linear_model import OrthogonalMatchingPursuit
 
 from .bench import Bench
+from .evidence import check
 from .fit import Fit
-from .held_out import check
 from .remainder import BUMPS, Remainder
 from .rows import linearise
 from .scan import Remaining

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from .bench import Bench
-from .contest import Settings
 from .errors import along, compare, main_signal
+from .evidence import check
 from .fit import Fit
-from .held_out import check
 from .remainder import BUMPS, Remainder
 from .scan import Remaining, Scanned
-from .select import Selection
+from .select import Selection, Settings
 from .unexplained import Unexplained, describe
 
 FOUND, NOTHING, PARTLY, UNEXPLAINED = "effect found", "nothing missing", "partly explained", "unexplained"

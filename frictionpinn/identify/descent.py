@@ -40,17 +40,15 @@ def coarse_to_fine(
         widths: resolutions, s, coarsest first, see :func:`resolutions`.
 
     Returns:
-        the minimum at the last one; None where the model cannot be simulated at the start.
+        the minimum at the last one; None where the model cannot be simulated there.
     """
     found: Solution | None = None
     state = first
     for width in widths:
         at = _at(evaluate, width)
         begun = at(state.u, state.locals, True)
-        if begun is None:
-            return found
-        found = levenberg_marquardt(at, begun, limits, **(COARSE if width else FINE))
-        state = found.state
+        found = None if begun is None else levenberg_marquardt(at, begun, limits, **(COARSE if width else FINE))
+        state = state if found is None else found.state
     return found
 
 
