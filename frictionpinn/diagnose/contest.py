@@ -11,11 +11,10 @@ from scipy.stats import chi2
 
 from ..identify.parallel import WORKERS, in_parallel
 from .bench import NEAR, Bench
-from .candidates import Candidate
+from .candidates import Candidate, impossible
 from .fit import Fit
 from .held_out import compared_gains, held_out_gain
 from .minima import DEEP, gained
-from .possible import impossible
 from .refits import contenders, refitted
 from .rivals import RIVAL, Contender, same
 from .scan import Tested

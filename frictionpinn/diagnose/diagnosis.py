@@ -15,16 +15,13 @@ from ..data.recording import Recording
 from ..identify.result import Estimate
 from ..physics.mechanism import Mechanism
 from .bench import Bench
-from .candidates import Candidate, candidates, effects_for
+from .candidates import Candidate, Remainder, candidates, effects_for, places, ranges, remainders, scales, simulations
 from .errors import main_signal
 from .fit import Fit
 from .held_out import compared_gains
 from .intervals import intervals
-from .network import Network, train_network
-from .observe import ranges, scales, simulations
-from .remainder import Remainder, places, remainders
 from .select import Accepted, Refused, Selection, Settings, select
-from .unexplained import Unexplained
+from .unexplained import Network, Unexplained, train_network
 from .verdict import judge
 
 log = logging.getLogger(__name__)

@@ -11,14 +11,12 @@ import numpy as np
 
 from ..identify.parallel import in_parallel
 from .bench import Bench, tried
-from .candidates import Candidate
+from .candidates import Candidate, Remainder, impossible
 from .contest import Accepted, Refused, Settings, contest, indistinct
 from .drop import drop
 from .fit import Fit
 from .held_out import bent
 from .intervals import intervals
-from .possible import impossible
-from .remainder import Remainder
 from .restarts import blunted, lifted, peaked, widened
 from .scan import Scanned, Tested, scan
 from .tries import better, leaves_another, penalised

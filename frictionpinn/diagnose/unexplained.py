@@ -1,24 +1,26 @@
-"""What is known of a remainder that no name fits: its variables, how much they explain, its shape, a formula."""
+"""What no name explains: how large it is, on which variable it depends, its shape, a short formula, a network."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from sklearn.linear_model import OrthogonalMatchingPursuit
 
 from .bench import Bench
+from .candidates import Remainder
+from .errors import compare
 from .fit import Fit
 from .held_out import check
-from .remainder import BUMPS, Remainder
-from .rows import linearise
+from .rows import linearise, on_probe
 from .scan import Remaining
 from .score import Columns, Normal
 
-SIMILAR = 0.9  # of the best statistic: variables that explain as much are named together
-TERMS, GOOD = 3, 0.97  # terms of a formula at most; share of the shape that it must explain
-POINTS = 60
+SIMILAR = 0.9  # of the best log p: variables that explain as much are named together
+TERMS, GOOD = 3, 0.97  # terms of a formula at most, longer ones explain no more than a table; share that it explains
+POINTS = 60  # of a shape: several for each of the eight bumps
 
 
 @dataclass(frozen=True)
@@ -53,44 +55,52 @@ def describe(
     fit: Fit,
     remaining: Sequence[Remaining],
     remainders: Sequence[Remainder],
-    places: dict[str, float],
-    covered: dict[str, np.ndarray],
-    size: float,
+    places: Mapping[str, float],
+    covered: Mapping[str, np.ndarray],
+    forces: np.ndarray,
 ) -> Unexplained:
     """Describe what a scan found to remain.
 
     Args:
         fit: the model whose remainder it is.
         remaining: of the scan, the most significant first.
-        places: hidden parameters of the remainders.
-        covered: samples of every variable.
-        size: of the first, relative to the friction force.
+        remainders, places, covered, forces: see :func:`frictionpinn.diagnose.verdict.judge`.
     """
     best = remaining[0]
-    alike = [m for m in remaining if m.log_p < SIMILAR * best.log_p]
-    names = tuple(dict.fromkeys(m.variable for m in alike))
-    r = next(r for r in remainders if r.variable == best.variable)
-    low, high = np.quantile(covered[best.variable], [0.01, 0.99])
+    names = tuple(dict.fromkeys(m.variable for m in remaining if m.log_p < SIMILAR * best.log_p))
+    remainder = next(r for r in remainders if r.variable == best.variable)
+    low, high = np.quantile(covered[best.variable], [0.01, 0.99])  # where the data are
     x = np.linspace(low, high, POINTS)
-    first, step = (places[name] for name in r.place)
-    bumps = np.exp(-((((x - first) / step)[:, None] - np.arange(BUMPS)) ** 2))
-    shape, variance = bumps @ best.coefficients, np.einsum("ik,kl,il->i", bumps, best.errors, bumps)
+    bumps = remainder.bumps(x, places)
+    shape = bumps @ best.coefficients
+    error = np.sqrt(np.maximum(np.einsum("ik,kl,il->i", bumps, best.errors, bumps), 0.0))
+    share, formula = explained_share(bench, fit, best, places), sparse_formula(x, shape, error, best.variable)
     unit = bench.mechanism.system.force_unit if best.kind == "force" else "1"
-    formula = sparse_formula(x, shape, np.sqrt(np.maximum(variance, 0.0)), best.variable)
-    share = explained_share(bench, fit, best, places)
-    error = np.sqrt(np.maximum(variance, 0.0))
-    return Unexplained(names, best.kind, share, formula, x, shape, error, unit, best.log_p, size)
+    whole = size(best, remainder.bumps(covered[best.variable], places), forces)
+    return Unexplained(names, best.kind, share, formula, x, shape, error, unit, best.log_p, whole)
 
 
-def explained_share(bench: Bench, fit: Fit, found: Remaining, places: dict[str, float]) -> float:
+def size(m: Remaining, bumps: np.ndarray, forces: np.ndarray) -> float:
+    """Root mean square of a remainder's force over that of the friction force, what its errors make of it taken out.
+
+    Args:
+        bumps: of its variable at samples, shape (n, BUMPS).
+        forces: friction force there, shape (n,).
+    """
+    squared = (bumps @ m.coefficients) ** 2 - np.einsum("ik,kl,il->i", bumps, m.errors, bumps)
+    weight = forces**2 if m.kind == "friction" else 1.0
+    whole = max(float(np.mean(forces**2)), 1e-300)
+    return float(np.sqrt(max(float(np.mean(weight * squared)), 0.0) / whole))
+
+
+def explained_share(bench: Bench, fit: Fit, found: Remaining, places: Mapping[str, float]) -> float:
     """Share of the held-out residual beyond noise that the remainder, estimated on the fitted trials, explains."""
     checked = check(bench, fit)
     if checked is None:
         return float("nan")
-    names = found.names
-    rows = linearise(bench, checked, names, places, probed=True)
+    rows = linearise(bench, checked, found.names, places, probed=True)
     columns = [Columns.of(row, None) for row in rows]
-    normal = Normal.of(names, columns)
+    normal = Normal.of(found.names, columns)
     # A fit may take what it lacks for noise; differences from sample to sample do not.
     level = {name: min(1.0, bench.problem.sigmas[name] / sigma) for name, sigma in checked.sigmas.items()}
     floor = 0.0
@@ -106,26 +116,81 @@ def explained_share(bench: Bench, fit: Fit, found: Remaining, places: dict[str, 
 def sparse_formula(x: np.ndarray, y: np.ndarray, error: np.ndarray, name: str) -> str | None:
     """The shortest sum of elementary functions of x that explains the shape, or None.
 
-    Orthogonal matching pursuit over powers, absolute values, an exponential of |x| and harmonics.
+    Orthogonal matching pursuit over powers, absolute values, exponentials of |x| and harmonics; all shape (n,).
     """
-    scale = max(float(np.abs(x).max()), 1e-300)
+    scale, span = max(float(np.abs(x).max()), 1e-300), max(float(x.max() - x.min()), 1e-300)
     weight = 1 / np.maximum(error, np.median(error) + 1e-300)
     table = {"1": np.ones_like(x), name: x, f"{name}^2": x**2, f"{name}^3": x**3, f"|{name}|": np.abs(x),
              f"{name}*|{name}|": x * np.abs(x), f"sign({name})": np.sign(x)}  # fmt: skip
-    for share in (0.05, 0.2):
-        table[f"exp(-|{name}|/{share * scale:.3g})"] = np.exp(-np.abs(x) / (share * scale))
-    span = max(float(x.max() - x.min()), 1e-300)
-    for k in (1, 2, 3):
+    for part in (0.05, 0.2):  # of the range: a narrow and a broad peak
+        table[f"exp(-|{name}|/{part * scale:.3g})"] = np.exp(-np.abs(x) / (part * scale))
+    for k in (1, 2, 3):  # periods in the range: the bumps show no more
         table[f"sin({2 * np.pi * k / span:.3g}*{name})"] = np.sin(2 * np.pi * k * x / span)
         table[f"cos({2 * np.pi * k / span:.3g}*{name})"] = np.cos(2 * np.pi * k * x / span)
-    keys = list(table)
-    A = np.stack([table[key] for key in keys], axis=1) * weight[:, None]
-    target = y * weight
+    A, target = np.stack(list(table.values()), axis=1) * weight[:, None], y * weight
     total = float(target @ target)
     for count in range(1, TERMS + 1):
         model = OrthogonalMatchingPursuit(n_nonzero_coefs=count, fit_intercept=False).fit(A, target)
         left = target - A @ model.coef_
         if total > 0 and 1 - float(left @ left) / total > GOOD:
-            terms = [(c, key) for c, key in zip(model.coef_, keys, strict=True) if c != 0]
+            terms = [(c, key) for c, key in zip(model.coef_, table, strict=True) if c != 0]
             return " ".join(f"{c:+.3g}" if key == "1" else f"{c:+.3g}*{key}" for c, key in terms).lstrip("+")
     return None
+
+
+@dataclass(frozen=True)
+class Network:
+    """The fallback term F_net(x) = sum_k w_k exp(-(x - x_k)^2 / h^2), or the law seeing the load N (1 + that sum).
+
+    A network with one hidden layer of radial units: a black box on what remains, no more is known of it than the
+    variable x that it depends on. It is one of the project's symbolic effects, so that the model with it is simulated,
+    differentiated, saved and folded like any other.
+
+    Attributes:
+        effect: the term, as an effect.
+        kind: "force", w in the system's unit of force; or "friction", w a share of the dry friction.
+        values: weights and the units' places by name, SI units.
+        fit: of all parameters and weights together.
+        errors: before it and after, see :func:`frictionpinn.diagnose.errors.compare`.
+    """
+
+    effect: Remainder
+    kind: str
+    values: dict[str, float]
+    fit: Fit
+    errors: dict[str, dict[str, Any]]
+
+
+def train_network(
+    bench: Bench,
+    fit: Fit,
+    remaining: Sequence[Remaining],
+    remainders: Sequence[Remainder],
+    places: Mapping[str, float],
+    sigmas: Mapping[str, float],
+) -> Network | None:
+    """Train the network through the equation of motion, on the variable with the most significant remainder.
+
+    Args:
+        bench: fits.
+        fit: the model that leaves the remainder.
+        remaining: what is left, the most significant first.
+        remainders: the terms by variable.
+        places: where the radial units lie.
+        sigmas: noise standard deviations, SI units.
+
+    Returns:
+        None where no fit succeeds.
+    """
+    best = remaining[0]
+    effect = next(r for r in remainders if r.variable == best.variable)
+    start = on_probe(bench, fit, places)
+    steps = dict(zip(best.names, best.coefficients, strict=True))
+    tried = [bench.refit(start, (*fit.names, *best.names), start.values | weights) for weights in ({}, steps)]
+    found = min((f for f in tried if f is not None), key=lambda f: f.state.cost, default=None)
+    if found is None:
+        return None
+    before, after = check(bench, start), check(bench, found)
+    pair = (start, found) if before is None or after is None else (before, after)
+    values = {name: found.values[name] for name in (*best.names, *effect.place)}
+    return Network(effect, best.kind, values, found, compare(bench, pair, sigmas)[0])

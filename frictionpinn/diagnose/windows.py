@@ -19,10 +19,9 @@ from ..identify.likelihood import windows_of
 from ..identify.parallel import in_parallel
 from ..identify.prior import Prior
 from .bench import SHORT, Bench, tried
-from .candidates import Candidate
+from .candidates import Candidate, Remainder
 from .fit import Fit
 from .minima import gained
-from .remainder import Remainder
 from .rivals import twins, usual_first
 from .rows import on_probe
 from .scan import Tested, scan

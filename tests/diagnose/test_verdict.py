@@ -9,12 +9,13 @@ import pytest
 from test_diagnosis import Waves, diagnosed
 
 from frictionpinn.diagnose import verdict as verdicts
-from frictionpinn.diagnose.draw import headline
-from frictionpinn.diagnose.observe import ranges, simulations
-from frictionpinn.diagnose.remainder import BUMPS, Remainder, places
+from frictionpinn.diagnose.candidates import BUMPS, Remainder, places, ranges
+from frictionpinn.diagnose.report import headline
 from frictionpinn.diagnose.scan import Remaining
 from frictionpinn.diagnose.select import Settings
-from frictionpinn.diagnose.verdict import judge, size
+from frictionpinn.diagnose.unexplained import size
+from frictionpinn.diagnose.verdict import judge
+from frictionpinn.physics.base import CONTACT
 from frictionpinn.workflow.diagnose import as_dict
 
 
@@ -26,7 +27,7 @@ def partly():
 
 
 def judged(d, **options):
-    system, runs = d.bench.mechanism.system, simulations(d.bench, d.selection.base)
+    system, runs = d.bench.mechanism.system, d.bench.simulate(d.selection.base)
     probes = [e for e in d.bench.probe.mechanism.effects if isinstance(e, Remainder)]
     covered = ranges(system, probes, runs)
     where = {k: v for r in probes for k, v in places(r, covered[r.variable]).items()}
@@ -69,9 +70,10 @@ def test_names_that_take_off_less_than_asked_for_leave_it_unexplained(partly, mo
 def test_the_size_of_a_remainder_is_its_share_of_the_friction_force_without_what_its_errors_make():
     x, forces = np.linspace(0.0, 1.0, 200), 3.0 * np.ones(200)
     where = {"position_from": 0.0, "position_step": 1.0 / (BUMPS - 1)}
+    bumps = Remainder("position", CONTACT.s).bumps(x, where)
     c, none = 0.3 * np.ones(BUMPS), np.zeros((BUMPS, BUMPS))
     force, friction = (Remaining("position", kind, -9.0, 99.0, BUMPS, c, none) for kind in ("force", "friction"))
-    assert size(friction, where, x, forces) == pytest.approx(3.0 * size(force, where, x, forces), rel=1e-6)
-    assert 0.1 < size(force, where, x, forces) < 0.2
+    assert size(friction, bumps, forces) == pytest.approx(3.0 * size(force, bumps, forces), rel=1e-6)
+    assert 0.1 < size(force, bumps, forces) < 0.2
     loose = replace(force, errors=np.diag(c**2) * 100)
-    assert size(loose, where, x, forces) == 0.0
+    assert size(loose, bumps, forces) == 0.0
