@@ -21,8 +21,7 @@ from .fit import Fit
 from .held_out import compared_gains
 from .intervals import intervals
 from .select import Accepted, Refused, Selection, Settings, select
-from .unexplained import Network, Unexplained, train_network
-from .verdict import judge
+from .verdict import Network, Unexplained, judge, train_network
 
 log = logging.getLogger(__name__)
 

@@ -194,10 +194,8 @@ def noise_levels(bench: Bench, fit: Fit, sigmas: Mapping[str, float]) -> dict[st
     implied = {n: sp.diff(system.friction_implied, s) for n, s in signal_symbols(system).items() if n in result}
     runs = bench.simulate(fit)
     slopes = {n: rms([samples(system, run, slope) for run in runs]) for n, slope in implied.items() if slope != 0}
-    own, other = (
-        float(np.sqrt(sum((slope * levels[n]) ** 2 for n, slope in slopes.items())))
-        for levels in ({n: r.sigma for n, r in result.items()}, {n: r.other or r.sigma for n, r in result.items()})
-    )
+    own = float(np.linalg.norm([slope * result[n].sigma for n, slope in slopes.items()]))
+    other = float(np.linalg.norm([slope * (result[n].other or result[n].sigma) for n, slope in slopes.items()]))
     source = NEIGHBOURS if {r.source for r in result.values()} == {NEIGHBOURS} else RESIDUAL
     worst = max((r.error for r in result.values()), default=0.0)
     return result | {FORCE: Level(own, worst, source, _if_apart(own, other))}
@@ -271,26 +269,25 @@ class Excess:
 
 
 def block_length(t: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> float:
-    """Length of a block, s: long against the residual's correlation time, and short against the recording."""
-    total = sum(float(x[-1] - x[0]) for x in t)
-    return min(max(TIMES * correlation_time(t, residuals), FEW * _interval(t)), total / MANY)
+    """Length of a block, s: long against the residual's correlation time, and short against the recording.
 
+    The correlation time is that after which the autocorrelation has faded, not its integral: of a slow error in much
+    white noise that is short.
 
-def correlation_time(t: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> float:
-    """Time after which the autocorrelation has faded, s; shape (n,) of each trial, NaN where missing.
-
-    Not its integral: of a slow error in much white noise that is short.
+    Args:
+        t, residuals: of each trial, shape (n,), NaN where missing.
     """
     length = max(len(r) for r in residuals)
     products = np.zeros(length)
     for r in residuals:
         spectrum = np.abs(np.fft.rfft(np.nan_to_num(r), 2 * len(r))) ** 2
         products[: len(r)] += np.fft.irfft(spectrum)[: len(r)]
-    if products[0] <= 0 or length <= SMOOTH:
-        return 0.0
-    rho = np.convolve(products[1:] / products[0], np.ones(SMOOTH) / SMOOTH, "valid")
-    faded = np.flatnonzero(rho < FADED)
-    return _interval(t) * (1 + int(faded[0]) if len(faded) else length)
+    correlated = 0
+    if products[0] > 0 and length > SMOOTH:
+        rho = np.convolve(products[1:] / products[0], np.ones(SMOOTH) / SMOOTH, "valid")
+        faded = np.flatnonzero(rho < FADED)
+        correlated = 1 + int(faded[0]) if len(faded) else length
+    return min(max(TIMES * correlated, FEW) * _interval(t), sum(float(x[-1] - x[0]) for x in t) / MANY)
 
 
 def block_means(squares: Sequence[np.ndarray], spans: Sequence[int]) -> np.ndarray:
@@ -300,14 +297,13 @@ def block_means(squares: Sequence[np.ndarray], spans: Sequence[int]) -> np.ndarr
         squares: of each trial, shape (n, k), NaN where missing: k models on the same samples.
         spans: samples in a block of each trial.
     """
-    sums: list[np.ndarray] = []
-    counts: list[np.ndarray] = []
+    sums = []  # over every block of a trial, which goes on at its start: of the squares, and of the samples there are
     for y, span in zip(squares, spans, strict=True):
         size = min(max(span, 1), len(y))
-        for values, kept in ((np.nan_to_num(y), sums), ((~np.isnan(y)).astype(float), counts)):
-            total = np.cumsum(np.concatenate([np.zeros((1, y.shape[1])), values, values[: size - 1]]), axis=0)
-            kept.append(total[size:] - total[:-size])
-    S, N = np.concatenate(sums), np.concatenate(counts)
+        both = np.stack([np.nan_to_num(y), ~np.isnan(y)])
+        total = np.cumsum(np.concatenate([np.zeros_like(both[:, :1]), both, both[:, : size - 1]], axis=1), axis=1)
+        sums.append(total[:, size:] - total[:, :-size])
+    S, N = np.concatenate(sums, axis=1)
     blocks = max(1, round(len(S) / float(np.mean(spans))))
     at = np.random.default_rng(0).integers(len(S), size=(DRAWS, blocks))
     return S[at].sum(axis=1) / np.maximum(N[at].sum(axis=1), 1.0)

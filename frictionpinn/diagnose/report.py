@@ -21,9 +21,7 @@ from ..physics.base import CONTACT
 from ..physics.mechanism import Mechanism
 from .diagnosis import Diagnosis
 from .errors import RESIDUAL, main_signal
-from .scan import Scanned
-from .unexplained import Unexplained
-from .verdict import FOUND, NOTHING, PARTLY, UNEXPLAINED
+from .verdict import FOUND, NOTHING, PARTLY, UNEXPLAINED, Unexplained
 
 COLORS = {FOUND: "#d1495b", NOTHING: "#2a9d8f", PARTLY: "#d9722e", UNEXPLAINED: "#e9a03b"}
 LETTERS = {*greeks, "zdot"}  # first parts of names that are letters
@@ -37,37 +35,33 @@ def headline(d: Diagnosis) -> str:
     for a in d.accepted:
         alike = ", ".join(c.name for c, _ in a.alike)
         names.append(a.candidate.name + (f" (or {alike}: the data do not tell them apart)" if alike else ""))
-    missing = f"Missing: {' and '.join(names)}{gain_in_words(d)}"
-    rest = ""
-    if d.unexplained is not None:
-        kind = "friction" if d.unexplained.kind == "friction" else "a force"
-        rest = f"{kind} that depends on {variables_of(d.unexplained)}"
+    missing, unnamed = f"Missing: {' and '.join(names)}{gain_in_words(d)}", dependence(d.unexplained)
     said = {
         FOUND: f"{missing}.",
         NOTHING: f"Nothing is missing that this recording could show{' and that matters' if d.trifle else ''}.",
-        PARTLY: f"{missing}; and beyond that {rest}, which no name fits.",
-        UNEXPLAINED: f"Something is missing that none of the names fits: {rest}.",
+        PARTLY: f"{missing}; and beyond that {unnamed}, which no name fits.",
+        UNEXPLAINED: f"Something is missing that none of the names fits: {unnamed}.",
     }
     sentences = [said[d.verdict], error_in_words(d)]
     if d.shares and d.left["value"] is not None:
-        each = " and ".join(
-            f"{a.candidate.name} took off {share(own)}" for a, own in zip(d.accepted, d.shares, strict=True)
-        )
-        left = d.unexplained or d.trifle
-        cause = f"; it depends on {variables_of(left)}" if left is not None else ""
-        sentences.append(f"Of the squared error of {_spaced(d.main)} beyond the noise, {each}; {share(d.left)} is left"
-                         f"{cause}.")  # fmt: skip
+        each = [f"{a.candidate.name} took off {share(own)}" for a, own in zip(d.accepted, d.shares, strict=True)]
+        left = ", ".join(filter(None, [f"{share(d.left)} is left", dependence(d.unexplained or d.trifle)]))
+        sentences.append(f"Of the squared error of {_spaced(d.main)} beyond the noise, {' and '.join(each)}; {left}.")
     if d.trifle is not None:
-        kind = "friction" if d.trifle.kind == "friction" else "a force"
-        sentences.append(
-            f"Significant but small: {kind} that depends on {variables_of(d.trifle)}, {100 * d.trifle.size:.2g} % of "
-            f"the friction force (diagnose.worth: {100 * d.settings.worth:.2g} %)."
-        )
-    untested = {r.candidate.name for r in d.refused if "could not be tested" in r.why}
-    if untested:
+        sentences.append(f"Significant but small: {dependence(d.trifle)}, {100 * d.trifle.size:.2g} % of the friction "
+                         f"force (diagnose.worth: {100 * d.settings.worth:.2g} %).")  # fmt: skip
+    if untested := {r.candidate.name for r in d.refused if "could not be tested" in r.why}:
         sentences.append(f"{len(untested)} candidates could not be tested: their derivatives overflow in the "
                          "simulation.")  # fmt: skip
     return " ".join(sentences)
+
+
+def dependence(rest: Unexplained | None) -> str:
+    """What a remainder is and on which variables it may depend, three at most; empty where there is none."""
+    if rest is None:
+        return ""
+    kind = "friction" if rest.kind == "friction" else "a force"
+    return f"{kind} that depends on {_spaced(' or '.join(rest.depends_on[:3]))}"
 
 
 def gain_in_words(d: Diagnosis) -> str:
@@ -101,11 +95,6 @@ def error_in_words(d: Diagnosis) -> str:
     count = entry.get("outliers_left_out")
     noise += f" ({count} outliers left out)" if count else ""
     return f"Error{what} beyond the noise, {d.scored}, {entry['unit']}: {old} before, {new} after; {noise}."
-
-
-def variables_of(rest: Unexplained) -> str:
-    """The variables on which a remainder may depend, three at most."""
-    return _spaced(" or ".join(rest.depends_on[:3]))
 
 
 def number(value: float | None) -> str:
@@ -192,40 +181,76 @@ def draw(folder: Path, d: Diagnosis) -> list[Path]:
 
 def error_figure(d: Diagnosis) -> Figure:
     """Error beyond the noise, before and after, of every signal, with 95 % intervals."""
-    names = list(d.errors)
-    figure = Figure(figsize=(8, 1.8 + 0.5 * len(names)), layout="constrained")
-    axes = figure.subplots()
-    floors = np.array([max(d.errors[n]["noise_floor"], 1e-300) for n in names])
-    told = [[d.errors[n][key] for n in names] for key in ("excess_before", "excess_after")]
+    names, floors = list(d.errors), np.array([max(e["noise_floor"], 1e-300) for e in d.errors.values()])
+    told = [[e[key] for e in d.errors.values()] for key in ("excess_before", "excess_after")][: len(_models(d))]
     values = [np.array([e["value"] for e in entries]) / floors for entries in told]
-    places = _paired_bars(axes, names, values)
+    figure, axes, places = _bars(names, [{**m, "width": v} for m, v in zip(_models(d), values, strict=True)])
     clear = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.6}
     for place, value, entries in zip(places, values, told, strict=True):
         low, high = np.array([e["ci95"] for e in entries]).T / floors
         reach = np.maximum([value - low, high - value], 0.0)
         axes.errorbar(value, place, xerr=reach, fmt="none", ecolor=INK["reference"], lw=1.2, capsize=3)
-        for n, y, end, entry in zip(names, place, np.maximum(high, value), entries, strict=True):
-            text = f"{entry['value']:.3g} {readable(d.errors[n]['unit'])}"
+        for name, y, end, entry in zip(names, place, np.maximum(high, value), entries, strict=True):
+            text = f"{entry['value']:.3g} {readable(d.errors[name]['unit'])}"
             axes.annotate(text, (end, y), (5, 0), textcoords="offset points", va="center", fontsize=8, bbox=clear)
     axes.margins(x=0.2)
     axes.set_xlim(left=0.0)
     axes.set_xlabel(f"error beyond the noise, in multiples of the noise, {d.scored} (whiskers: 95 %)")
-    missing = [a.candidate.name for a in d.accepted]
-    missing += [f"something that depends on {variables_of(d.unexplained)}"] if d.unexplained is not None else []
-    title = "missing: " + " and ".join(missing) if missing else "nothing is missing"
+    missing = [*(a.candidate.name for a in d.accepted), *filter(None, [dependence(d.unexplained)])]
+    title = f"missing: {' and '.join(missing)}" if missing else "nothing is missing"
     axes.set_title(textwrap.fill(title, 80), fontsize=11)
-    figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=2)
     return figure
 
 
-def _paired_bars(axes: Axes, names: Sequence[str], values: Sequence[Sequence[float]]) -> list[np.ndarray]:
-    """Two bars for each name, of the declared and of the augmented model; their places, shape (names,) each."""
-    places = [np.arange(len(names)), np.arange(len(names)) + 0.4]
-    axes.barh(places[0], values[0], 0.38, color=INK["baseline"], label="declared model")
-    axes.barh(places[1], values[1], 0.38, color=INK["model"], label="augmented model")
-    axes.set_yticks(places[0] + 0.2, [_spaced(n) for n in names])
+def _models(d: Diagnosis) -> list[dict[str, Any]]:
+    """Label and colour of the models that figures compare: where nothing was added, of the declared one alone."""
+    declared = {"label": "declared model", "color": INK["baseline"]}
+    return [declared, {"label": "augmented model", "color": INK["model"]}] if d.accepted else [declared]
+
+
+def _bars(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> tuple[Figure, Axes, list[np.ndarray]]:
+    """A figure with one bar of each row (arguments of ``barh``) for each name, and the bars' places, shape (names,)."""
+    figure = Figure(figsize=(8, 1.3 + (0.15 + 0.2 * len(rows)) * len(names)), layout="constrained")
+    axes, height = figure.subplots(), 0.8 / len(rows)
+    places = [np.arange(len(names)) + k * height for k in range(len(rows))]
+    for place, row in zip(places, rows, strict=True):
+        axes.barh(place, height=0.95 * height, **row)
+    axes.set_yticks(np.mean(places, axis=0), [_spaced(name) for name in names])
     axes.invert_yaxis()
-    return places
+    if len(rows) > 1:
+        figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=2)
+    return figure, axes, places
+
+
+def tried_figure(d: Diagnosis) -> Figure:
+    """How significant the candidates were at the declared model; what was added in colour."""
+    tested = sorted(d.selection.first.tested, key=lambda t: t.log_p)[:MOST_BARS]
+    taken = {a.candidate.name for a in d.accepted}
+    colors = [INK["model"] if t.candidate.name in taken else INK["baseline"] for t in tested]
+    threshold = -d.settings.log_p + float(np.log10(max(len(d.selection.first.tested), 1)))  # over all candidates
+    title = "candidates tested at the declared model" + (", added in red" if taken else ": none was added")
+    return _evidence([t.candidate.name for t in tested], [{"width": [-t.log_p for t in tested], "color": colors}],
+                     threshold, title)  # fmt: skip
+
+
+def dependence_figure(d: Diagnosis) -> Figure:
+    """Whether anything is left, by variable: evidence that the residual depends on it, before and after."""
+    names = sorted({m.variable for m in d.selection.first.remaining})
+    rows = []
+    for model, scanned in zip(_models(d), (d.selection.first, d.selection.last), strict=False):
+        best = {name: min((m.log_p for m in scanned.remaining if m.variable == name), default=0.0) for name in names}
+        rows.append({**model, "width": [-best[name] - np.log10(len(scanned.remaining)) for name in names]})
+    return _evidence(names, rows, -d.settings.log_p, "does the residual depend on ...?")
+
+
+def _evidence(names: Sequence[str], rows: Sequence[dict[str, Any]], threshold: float, title: str) -> Figure:
+    """Bars of -log10 of the chance to see as much by luck, with the threshold from which it counts."""
+    rows = [{**row, "width": np.maximum(row["width"], 0.1)} for row in rows]  # a logarithmic axis has no 0
+    figure, axes, _ = _bars(names, rows)
+    axes.axvline(threshold, color=INK["reference"], lw=1, ls="--")
+    axes.set(title=title, xlabel="evidence, -log10 of the chance (dashed: threshold)", xscale="log",
+             xlim=(0.1, 4 * max([threshold, *(float(row["width"].max()) for row in rows if len(names))])))  # fmt: skip
+    return figure
 
 
 def proof_figure(d: Diagnosis) -> Figure:
@@ -269,18 +294,18 @@ def residual_figure(d: Diagnosis) -> Figure:
 
     Of those that a model leaves a residual in, the one by which errors would be quoted first.
     """
-    before, after = d.before.state.pieces, d.after.state.pieces
-    left = {n: e for n, e in d.errors.items() if any(n in piece.residuals for piece in before)}
+    pieces = d.before.state.pieces
+    left = {n: e for n, e in d.errors.items() if any(n in piece.residuals for piece in pieces)}
     name = main_signal(d.bench.mechanism.system, left)
-    trials = [k for k, piece in enumerate(before) if name in piece.residuals][:MOST_TRIALS]
+    trials = [k for k, piece in enumerate(pieces) if name in piece.residuals][:MOST_TRIALS]
     figure = Figure(figsize=(9, 1.6 + 1.7 * len(trials)), layout="constrained")
     rows = figure.subplots(len(trials), 1, squeeze=False)[:, 0]
     unit, sigma = readable(d.errors[name]["unit"]), d.noise.get(name, 0.0)
     for axes, k in zip(rows, trials, strict=True):
         t = d.before.models[k].t
         axes.axhspan(-2 * sigma, 2 * sigma, color=INK["band"], label="noise, two standard deviations")
-        axes.plot(t, before[k].residuals[name], ".", ms=2.5, color=INK["baseline"], label="declared model")
-        axes.plot(t, after[k].residuals[name], ".", ms=2.5, color=INK["model"], label="augmented model")
+        for fit, model in zip((d.before, d.after), _models(d), strict=False):
+            axes.plot(t, fit.state.pieces[k].residuals[name], ".", ms=2.5, **model)
         axes.set_ylabel(f"{_spaced(name)} ({unit})")
         axes.set_title(f"trial {d.before.models[k].trial}", fontsize=9)
         axes.margins(x=0.02)
@@ -289,49 +314,6 @@ def residual_figure(d: Diagnosis) -> Figure:
     figure.legend(*rows[0].get_legend_handles_labels(), frameon=False, fontsize=8, loc="outside lower center", ncols=3,
                   markerscale=3)  # fmt: skip
     return figure
-
-
-def tried_figure(d: Diagnosis) -> Figure:
-    """How significant the candidates were at the declared model; what was added in colour."""
-    tested = sorted(d.selection.first.tested, key=lambda t: t.log_p)[:MOST_BARS]
-    taken = {a.candidate.name for a in d.accepted}
-    figure = Figure(figsize=(8, 0.8 + 0.32 * len(tested)), layout="constrained")
-    axes = figure.subplots()
-    values = [max(-t.log_p, 0.1) for t in tested]
-    colors = [INK["model"] if t.candidate.name in taken else INK["baseline"] for t in tested]
-    axes.barh(range(len(tested)), values, color=colors)
-    axes.set_yticks(range(len(tested)), [_spaced(t.candidate.name) for t in tested])
-    axes.invert_yaxis()
-    threshold = -d.settings.log_p + float(np.log10(max(len(d.selection.first.tested), 1)))  # one of all candidates
-    axes.axvline(threshold, color=INK["reference"], lw=1, ls="--")
-    axes.set(xlabel="evidence at the declared model, -log10 of the chance (dashed: threshold)",
-             title="candidates tested" + (", added in red" if taken else ": none was added"))  # fmt: skip
-    axes.set_xscale("log")
-    axes.set_xlim(0.1, 2 * max([*values, threshold]))
-    return figure
-
-
-def dependence_figure(d: Diagnosis) -> Figure:
-    """Whether anything is left, by variable: evidence that the residual depends on it, before and after."""
-    before, after = _by_variable(d.selection.first), _by_variable(d.selection.last)
-    figure = Figure(figsize=(8, 1.2 + 0.4 * len(before)), layout="constrained")
-    axes = figure.subplots()
-    _paired_bars(axes, list(before), [[max(table.get(n, 0.0), 0.1) for n in before] for table in (before, after)])
-    axes.axvline(-d.settings.log_p, color=INK["reference"], lw=1, ls="--", label="threshold")
-    axes.set(xlabel="evidence, -log10 of the chance", title="does the residual depend on ...?")
-    axes.set_xscale("log")
-    axes.set_xlim(0.1, 4 * max([*before.values(), *after.values(), -d.settings.log_p]))
-    figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=3)
-    return figure
-
-
-def _by_variable(scanned: Scanned) -> dict[str, float]:
-    """Evidence for each variable, -log10 of the chance over all that were tried."""
-    result: dict[str, float] = {}
-    for m in scanned.remaining:
-        corrected = max(0.0, -m.log_p - float(np.log10(len(scanned.remaining))))
-        result[m.variable] = max(result.get(m.variable, 0.0), corrected)
-    return dict(sorted(result.items()))
 
 
 def remainder_figure(d: Diagnosis, rest: Unexplained) -> Figure:
@@ -347,7 +329,7 @@ def remainder_figure(d: Diagnosis, rest: Unexplained) -> Figure:
              "acceleration": f"{system.slip_unit}/s^2", "normal_force": "N", **system.signal_units}  # fmt: skip
     what = f"force ({readable(rest.unit)})" if rest.kind == "force" else "share of dry friction"
     axes.set(xlabel=f"{_spaced(name)} ({readable(units.get(name, ''))})", ylabel=what)
-    lines = (f"no name fits: depends on {variables_of(rest)}", rest.formula or "")
-    axes.set_title("\n".join(textwrap.fill(line, 75) for line in lines if line), fontsize=11)
+    lines = filter(None, (f"no name fits: {dependence(rest)}", rest.formula))
+    axes.set_title("\n".join(textwrap.fill(line, 75) for line in lines), fontsize=11)
     axes.legend(frameon=False, fontsize=8)
     return figure

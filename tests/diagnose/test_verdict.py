@@ -13,8 +13,7 @@ from frictionpinn.diagnose.candidates import BUMPS, Remainder, places, ranges
 from frictionpinn.diagnose.report import headline
 from frictionpinn.diagnose.scan import Remaining
 from frictionpinn.diagnose.select import Settings
-from frictionpinn.diagnose.unexplained import size
-from frictionpinn.diagnose.verdict import judge
+from frictionpinn.diagnose.verdict import judge, size
 from frictionpinn.physics.base import CONTACT
 from frictionpinn.workflow.diagnose import as_dict
 
@@ -44,7 +43,10 @@ def test_a_name_that_held_out_trials_confirm_beside_a_remainder_is_part_of_the_a
     assert share["value"] > 0.2 and share["value"] + d.left["value"] == pytest.approx(1.0)
     assert share["ci95"][0] < share["value"] < share["ci95"][1]
     said = headline(d)
-    assert f"asymmetric_viscous took off {100 * share['value']:.0f} %" in said and "is left; it depends on" in said
+    assert (
+        f"asymmetric_viscous took off {100 * share['value']:.0f} %" in said
+        and "is left, a force that depends on" in said
+    )
     result = as_dict(d)
     assert result["effects"][0]["share_of_excess"] == share and result["left"] == d.left
     assert result["unexplained"]["size"] == d.unexplained.size and result["negligible"] is None
