@@ -26,8 +26,8 @@ from .fit import Fit
 USUAL = ("constant_force", "asymmetry", "viscous", "payload", "inertia", "stribeck", "presliding", "spring_force",
          "delay")  # fmt: skip
 BUMPS = 8  # of a remainder: shapes that vary within an eighth of the range of its variable
-LIMIT = 0.99  # of the way to a limit counts as at the limit: a search in logarithms never reaches it
-POWER = 0.95  # share of the slip velocity's power below the frequency of the fastest motion: the rest is noise
+LIMIT = 0.99  # of the way to a limit is at it: searches may stop just short
+POWER = 0.95  # share of the slip velocity's power below the frequency of the fastest motion: beyond is noise
 
 
 @dataclass(frozen=True)

@@ -27,11 +27,12 @@ FORCE = "friction_force"
 NEIGHBOURS, RESIDUAL = "differences of neighbouring samples", "residual of the model"
 MOVES = 1.15  # times the residual: differences above it show motion between samples, not noise
 APART = 1.5  # factor from which both levels are told: the noise is correlated in time, or the model is far off
-STATISTICAL = {NEIGHBOURS: 1.6, RESIDUAL: 0.71}  # standard error of a level, relative to it, times sqrt(samples)
+# Standard error of a level, relative to it, times sqrt(samples): of a median of differences (simulated), of an rms.
+STATISTICAL = {NEIGHBOURS: 1.6, RESIDUAL: 0.71}
 DRAWS = 1000  # of the bootstrap: 25 beyond either end of a 95 % interval
-TIMES = 3.0  # correlation times of the residual in a block
+TIMES = 3.0  # correlation times of the residual in a block: one block then tells little of the next
 SMOOTH = 5  # lags over which an autocorrelation is averaged: single ones are noise
-FEW = 10  # samples in a block at least
+FEW = 10  # samples in a block at least, where the residual is white
 MANY = 6.0  # blocks in all trials together at least: fewer make no distribution
 FADED = 0.05  # autocorrelation below which a residual counts as uncorrelated
 

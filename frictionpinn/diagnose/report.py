@@ -23,7 +23,6 @@ from .diagnosis import Diagnosis
 from .errors import RESIDUAL, main_signal
 from .verdict import FOUND, NOTHING, PARTLY, UNEXPLAINED, Unexplained
 
-COLORS = {FOUND: "#d1495b", NOTHING: "#2a9d8f", PARTLY: "#d9722e", UNEXPLAINED: "#e9a03b"}
 LETTERS = {*greeks, "zdot"}  # first parts of names that are letters
 MOST_TRIALS, MOST_BARS = 3, 12  # in one figure: what fits on a screen
 INSTANTS = 200  # at which the evidence so far is drawn
@@ -119,20 +118,18 @@ def _spaced(name: str) -> str:
     return name.replace("_", " ")
 
 
-def write_page(path: Path, result: Mapping[str, Any], headline: str, mathml: str, figures: Sequence[Path]) -> None:
+def write_page(path: Path, result: Mapping[str, Any], words: str, mathml: str, figures: Sequence[Path]) -> None:
     """Write the report as one HTML file, from ``page.html``.
 
     Args:
         result: as in ``result.json``.
-        headline: see :func:`headline`.
+        words: see :func:`headline`.
         mathml: the friction force.
         figures: PNG files, embedded under the names of their files.
     """
     images = {p.stem: base64.b64encode(p.read_bytes()).decode() for p in figures}
-    text = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8")).render(
-        r=result, headline=headline, mathml=mathml, images=images, number=number, span=span, share=share,
-        color=COLORS[result["verdict"]], far=any(e["noise_other"] is not None for e in result["errors"].values()),
-    )  # fmt: skip
+    page = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
+    text = page.render(r=result, headline=words, mathml=mathml, images=images, number=number, span=span, share=share)
     path.write_text(text, encoding="utf-8")
 
 

@@ -214,9 +214,9 @@ def sparse_formula(x: np.ndarray, y: np.ndarray, error: np.ndarray, name: str) -
     weight = 1 / np.maximum(error, np.median(error) + 1e-300)
     table = {"1": np.ones_like(x), name: x, f"{name}^2": x**2, f"{name}^3": x**3, f"|{name}|": np.abs(x),
              f"{name}*|{name}|": x * np.abs(x), f"sign({name})": np.sign(x)}  # fmt: skip
-    for part in (0.05, 0.2):  # of the range: a narrow and a broad peak
+    for part in (0.05, 0.2):  # of the largest |x|: a narrow peak and a broad one
         table[f"exp(-|{name}|/{part * scale:.3g})"] = np.exp(-np.abs(x) / (part * scale))
-    for k in (1, 2, 3):  # periods in the range: the bumps show no more
+    for k in (1, 2, 3):  # periods over the range: eight bumps show hardly more
         table[f"sin({2 * np.pi * k / span:.3g}*{name})"] = np.sin(2 * np.pi * k * x / span)
         table[f"cos({2 * np.pi * k / span:.3g}*{name})"] = np.cos(2 * np.pi * k * x / span)
     A, target = np.stack(list(table.values()), axis=1) * weight[:, None], y * weight
