@@ -275,15 +275,11 @@ def evidence_so_far(d: Diagnosis, k: int) -> tuple[np.ndarray, np.ndarray]:
     """
     loss, sigmas, t = d.bench.problem.loss, d.before.sigmas, d.before.models[k].t
     before, after = (fit.state.pieces[k].residuals for fit in (d.before, d.after))
-    edges = np.linspace(0.0, 1.0, INSTANTS + 1)
-    gained = np.zeros(INSTANTS + 1)
+    gained = np.zeros(INSTANTS)
     for name in before:
-        old, new = (np.nan_to_num(r[name] / sigmas[name]) for r in (before, after))
-        at = np.round(edges * len(old)).astype(int)
-        for i in range(INSTANTS):
-            part = slice(at[i], at[i + 1])
-            gained[i + 1] += loss.cost(old[part]) - loss.cost(new[part])
-    return t[0] + edges * (t[-1] - t[0]), np.cumsum(gained)
+        old, new = (np.array_split(np.nan_to_num(r[name] / sigmas[name]), INSTANTS) for r in (before, after))
+        gained += [loss.cost(a) - loss.cost(b) for a, b in zip(old, new, strict=True)]
+    return np.linspace(t[0], t[-1], INSTANTS + 1), np.concatenate([[0.0], np.cumsum(gained)])
 
 
 def residual_figure(d: Diagnosis) -> Figure:
