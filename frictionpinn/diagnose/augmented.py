@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import sympy as sp
 import yaml
@@ -13,23 +11,22 @@ from ..errors import UserError, choose
 from ..physics import LAWS, SYSTEMS
 from ..physics.base import CONTACT, SESSION, TIME, TRIAL
 from ..physics.mechanism import Mechanism
-from ..physics.system import Coordinate, System
+from ..physics.system import System
+from .candidates import remainders
 from .diagnosis import Diagnosis
-from .remainder import remainders
 
 _HEAD = "# A friction model with the effects that a diagnosis added: python train.py friction=<this file>\n"
 
 
-def save_augmented(path: Path, d: Diagnosis, cfg: Mapping[str, Any]) -> Mechanism:
+def save_augmented(path: Path, d: Diagnosis) -> Mechanism:
     """Write the declared model with the added effects; return its mechanism."""
     system, law = d.bench.mechanism.system, d.bench.mechanism.law
-    present = [e.name for e in d.bench.mechanism.effects]
-    effects = list(dict.fromkeys([*present, *(a.candidate.effect for a in d.accepted)]))
+    names = [*(e.name for e in d.bench.mechanism.effects), *(a.candidate.effect for a in d.accepted)]
     network = () if d.network is None else (d.network.effect,)
-    mechanism = Mechanism(system, law, (*effects, *network))  # type: ignore[arg-type]
-    own = [par.name for par in law.parameters]
-    masses = {par.name for par in system.parameters}
+    mechanism = Mechanism(system, law, (*dict.fromkeys(names), *network))  # type: ignore[arg-type]
     table = d.after.values if d.network is None else d.network.fit.values
+    own = {par.name for par in law.parameters}
+    masses = {par.name for par in system.parameters}
     values = {par.name: float(table[par.name]) for par in mechanism.parameters if par.name in table}
     content = {
         "name": law.name,
@@ -37,8 +34,8 @@ def save_augmented(path: Path, d: Diagnosis, cfg: Mapping[str, Any]) -> Mechanis
                    "parameters": {n: v for n, v in values.items() if n in masses}},
         "values": {n: v for n, v in values.items() if n in own},
         "effects": {
-            e.name: {par.name: values[par.name] for par in e.parameters_on(system, law) if par.name in values
-                     and par.name not in own}
+            e.name: {par.name: values[par.name] for par in e.parameters_on(system, law)
+                     if par.name in values and par.name not in own}
             for e in mechanism.effects
         },
     }  # fmt: skip
@@ -46,54 +43,8 @@ def save_augmented(path: Path, d: Diagnosis, cfg: Mapping[str, Any]) -> Mechanis
     return mechanism
 
 
-def folded(path: str | Path) -> tuple[System, dict[str, float]]:
-    """The system of a saved model with the effects as known forces and loads, and the law's values, to train on.
-
-    E + J F_effect = 0 takes the place of E, and the normal force is the one that the law sees, so that what is learned
-    is the law's friction alone.
-
-    Raises:
-        UserError: see :func:`load_augmented`; an effect with a state, a sensor or a delay, or that depends on time.
-    """
-    mechanism, values = load_augmented(path)
-    system, law = mechanism.system, mechanism.law
-    for effect in mechanism.effects:
-        force = sp.sympify(effect.force(CONTACT, mechanism.p, law))
-        shown = any(effect.sensor(system, n, s, mechanism.p) != s for n, s in mechanism.predictions.items())
-        seen = force.free_symbols | sp.sympify(effect.load(CONTACT.N, CONTACT, mechanism.p)).free_symbols
-        timed = bool(seen & {TIME, SESSION, TRIAL})
-        if effect.states or effect.memory or effect.delays(system, law) or shown or timed:
-            raise UserError(f"effect {effect.name} cannot be folded into the equation of motion", where="friction",
-                            received=str(path), allowed="effects that add a force, a load or a mass",
-                            fix="simulate with load_augmented, or diagnose without this effect")  # fmt: skip
-    own = [par for e in mechanism.effects for par in e.parameters_on(system, law)]
-    numbers = {par.symbol: sp.Float(values.get(par.name, par.value)) for par in own}
-    kind = type(system)
-    rows = {c.name: _row(mechanism, c).xreplace(numbers) for c in system.moving}
-    load = mechanism._in_motion(mechanism._seen.N).xreplace(numbers)
-
-    class Folded(kind):  # type: ignore[misc, valid-type]
-        def residual(self, coordinate):
-            return rows[coordinate.name]
-
-        @property
-        def N(self):
-            return load
-
-    own_values = {par.name: values[par.name] for par in system.parameters}
-    made = Folded(equations=system.equations, driven=system.driven, imposed=system.imposed, **own_values)
-    return made, {par.name: values[par.name] for par in law.parameters if par.name in values}
-
-
-def _row(mechanism: Mechanism, c: Coordinate) -> sp.Expr:
-    """Left-hand side of a coordinate's equation of motion with the effects' forces."""
-    seen, system = mechanism._seen, mechanism.system
-    force = sum((e.force(seen, mechanism.p, mechanism.law) for e in mechanism.effects), start=sp.Integer(0))
-    return mechanism._replaced(system.residual(c)) + system.jacobian[c.name] * mechanism._in_motion(force)
-
-
 def load_augmented(path: str | Path) -> tuple[Mechanism, dict[str, float]]:
-    """Mechanism and all its values from a file that a diagnosis wrote.
+    """Mechanism and all its values, SI units, from a file that a diagnosis wrote.
 
     Raises:
         UserError: no such file, or not one of these.
@@ -115,3 +66,44 @@ def load_augmented(path: str | Path) -> tuple[Mechanism, dict[str, float]]:
         raise UserError("not a friction model", where="friction", received=str(path),
                         allowed="augmented.yaml of a diagnosis", fix=f"look at {error!r}") from error  # fmt: skip
     return mechanism, {k: float(v) for k, v in values.items()} | system.values
+
+
+def folded(path: str | Path) -> tuple[System, dict[str, float]]:
+    """The system of a saved model with the effects as known forces and loads, and the law's values, to train on.
+
+    E + J F_effect = 0 takes the place of E, and the normal force is the one that the law sees, so that what is learned
+    is the law's friction alone.
+
+    Raises:
+        UserError: see :func:`load_augmented`; an effect with a state, a sensor or a delay, or that depends on time.
+    """
+    mechanism, values = load_augmented(path)
+    system, law, p, seen = mechanism.system, mechanism.law, mechanism.p, mechanism._seen
+    for effect in mechanism.effects:
+        terms = sp.Tuple(effect.force(CONTACT, p, law), effect.load(CONTACT.N, CONTACT, p))
+        shown = any(effect.sensor(system, n, s, p) != s for n, s in mechanism.predictions.items())
+        timed = bool(terms.free_symbols & {TIME, SESSION, TRIAL})
+        if effect.states or effect.memory or effect.delays(system, law) or shown or timed:
+            raise UserError(f"effect {effect.name} cannot be folded into the equation of motion", where="friction",
+                            received=str(path), allowed="effects that add a force, a load or a mass",
+                            fix="simulate with load_augmented, or diagnose without this effect")  # fmt: skip
+    own = [par for e in mechanism.effects for par in e.parameters_on(system, law)]
+    numbers = {par.symbol: sp.Float(values.get(par.name, par.value)) for par in own}
+    force = mechanism._in_motion(sum((e.force(seen, p, law) for e in mechanism.effects), start=sp.Integer(0)))
+    load = mechanism._in_motion(seen.N).xreplace(numbers)
+    rows = {
+        c.name: (mechanism._replaced(system.residual(c)) + system.jacobian[c.name] * force).xreplace(numbers)
+        for c in system.moving
+    }
+
+    class Folded(type(system)):  # type: ignore[misc]
+        def residual(self, coordinate):
+            return rows[coordinate.name]
+
+        @property
+        def N(self):
+            return load
+
+    own_values = {par.name: values[par.name] for par in system.parameters}
+    made = Folded(equations=system.equations, driven=system.driven, imposed=system.imposed, **own_values)
+    return made, {par.name: values[par.name] for par in law.parameters if par.name in values}

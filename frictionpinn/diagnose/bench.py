@@ -269,4 +269,3 @@ class Bench:
             return model.simulate(fit.values, fit.locals[k], strict=strict)
 
         return in_parallel(work, [len(model.t) for model in fit.models])
-

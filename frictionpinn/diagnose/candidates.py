@@ -1,28 +1,33 @@
-"""What may be missing: the strengths of every effect that can act, with the hidden parameters to try for each."""
+"""What may be missing: effects with a name, and forces that depend on one variable in any smooth way.
+
+Also where a fitted model was during the recording, which tells what hidden parameters to try, and the values of an
+effect that no mechanism can have.
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from ..physics.base import FrictionLaw
-from ..physics.effect import Effect
+import numpy as np
+import sympy as sp
+
+from ..numerics.simulate import Simulation
+from ..physics.base import CONTACT, FrictionLaw
+from ..physics.effect import Effect, applied, hidden, load_varies, strength
 from ..physics.effects import EFFECTS, applicable
+from ..physics.scan import data_scales
 from ..physics.system import System
+from .bench import Bench
+from .fit import Fit
 
 # Where the data do not tell several effects apart, the one that occurs more often stands first.
-USUAL = (
-    "constant_force",
-    "asymmetry",
-    "viscous",
-    "payload",
-    "inertia",
-    "stribeck",
-    "presliding",
-    "spring_force",
-    "delay",
-)
+USUAL = ("constant_force", "asymmetry", "viscous", "payload", "inertia", "stribeck", "presliding", "spring_force",
+         "delay")  # fmt: skip
+BUMPS = 8  # of a remainder: shapes that vary within an eighth of the range of its variable
+LIMIT = 0.99  # of the way to a limit is at it: searches may stop just short
+POWER = 0.95  # share of the slip velocity's power below the frequency of the fastest motion: beyond is noise
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,7 @@ class Candidate:
     group: str
     strengths: tuple[str, ...]
     hidden: tuple[str, ...] = ()
-    grid: tuple[Mapping[str, float], ...] = field(default=({},))
+    grid: tuple[Mapping[str, float], ...] = ({},)
     bends: bool = False
 
     @property
@@ -52,9 +57,8 @@ class Candidate:
 
     @property
     def usual(self) -> int:
-        """Rank among effects that the data do not tell apart."""
-        rest = len(USUAL) + self.effect.startswith("sensor_")
-        return USUAL.index(self.effect) if self.effect in USUAL else rest
+        """Rank among effects that the data do not tell apart: faults of sensors last."""
+        return USUAL.index(self.effect) if self.effect in USUAL else len(USUAL) + self.effect.startswith("sensor_")
 
 
 def effects_for(system: System, law: FrictionLaw, names: Iterable[str] | None = None) -> tuple[Effect, ...]:
@@ -77,9 +81,174 @@ def candidates(
     for effect in effects:
         table = {par.name: par for par in effect.parameters_on(system, law)}
         for group, strengths in effect.groups(system, law).items():
-            hidden = [par for par in table.values() if par.hidden and par.scan and par.group in ("", group)]
-            axes = [[(par.name, float(v)) for v in par.scan.values(scales)] for par in hidden if par.scan]
+            shapes = [par for par in table.values() if par.hidden and par.scan and par.group in ("", group)]
+            axes = [[(par.name, float(v)) for v in par.scan.values(scales)] for par in shapes if par.scan]
             grid = tuple(dict(point) for point in itertools.product(*axes))
-            free = tuple(par.name for par in hidden if par.scan and par.scan.count > 1)
+            free = tuple(par.name for par in shapes if par.scan and par.scan.count > 1)
             result.append(Candidate(effect.name, group, strengths, free, grid, effect.bends))
     return tuple(result)
+
+
+class Remainder(Effect):
+    """F = F_law + sum_k c_k b_k(x), and the law sees N (1 + sum_k d_k b_k(x)): what no named effect explains.
+
+    b_k(x) = exp(-(x - x_k)^2 / h^2) are bumps at distances h over the range of the variable x. The c are one group of
+    strengths ("force"), the d another ("friction").
+
+    Units: c in the system's unit of force, d dimensionless.
+    Neutral: all c, d = 0.
+    """
+
+    def __init__(self, variable: str, symbol: sp.Expr):
+        super().__init__()
+        self.variable, self.symbol, self.name = variable, symbol, f"remainder_{variable}"
+        self.place = f"{variable}_from", f"{variable}_step"  # hidden parameters: x_0 and h
+
+    def make_parameters(self, system: System, law: FrictionLaw):
+        made = [strength(f"force_{self.variable}_{k}", "{F}", "", group="force") for k in range(BUMPS)]
+        made += [strength(f"friction_{self.variable}_{k}", "1", "", group="friction") for k in range(BUMPS)]
+        first, step = self.place
+        return (*made, hidden(first, "", "", 0.0, low=-np.inf), hidden(step, "", "", 1.0))
+
+    def _sum(self, group: str, p) -> sp.Expr:
+        first, step = (getattr(p, name) for name in self.place)
+        away = (self.symbol - first) / step
+        return sum(getattr(p, f"{group}_{self.variable}_{k}") * sp.exp(-((away - k) ** 2)) for k in range(BUMPS))
+
+    def force(self, c, p, law):
+        return self._sum("force", p)
+
+    def load(self, N, c, p):
+        return N * (1 + self._sum("friction", p))
+
+    def bumps(self, x: np.ndarray, places: Mapping[str, float]) -> np.ndarray:
+        """b_k at samples x of the variable, shape (n,) -> (n, BUMPS)."""
+        first, step = (places[name] for name in self.place)
+        return np.exp(-((((x - first) / step)[:, None] - np.arange(BUMPS)) ** 2))
+
+
+def remainders(system: System) -> tuple[Remainder, ...]:
+    """One for each variable on which a force along the slip may depend: of the contact, then measured ones."""
+    found: dict[str, sp.Expr] = {"time": CONTACT.t}
+    if system.slip_position is not None:
+        found["position"] = CONTACT.s
+    found |= {"velocity": CONTACT.v, "acceleration": CONTACT.a}
+    if load_varies(system):
+        found["normal_force"] = CONTACT.N
+    for c in system.moving:
+        if system.jacobian[c.name] == 0:  # a motion across the slip
+            found |= dict(zip(c.signals, c.symbols, strict=True))
+    found |= applied(system)
+    return tuple(Remainder(name, symbol) for name, symbol in found.items())
+
+
+def places(remainder: Remainder, samples: np.ndarray) -> dict[str, float]:
+    """Hidden parameters that spread the bumps over the range of the variable's samples, shape (n,)."""
+    low, high = np.quantile(samples, [0.002, 0.998])  # single samples far out would stretch it
+    first, step = remainder.place
+    return {first: float(low), step: float(max(high - low, 1e-9) / (BUMPS - 1))}
+
+
+def simulations(bench: Bench, fit: Fit) -> list[Simulation]:
+    """One of each trial, at the fit."""
+    return bench.simulate(fit)
+
+
+def signal_symbols(system: System) -> dict[str, sp.Symbol]:
+    """Measured signal -> its symbol in the equations of motion."""
+    motion = {n: s for c in system.moving for n, s in zip(c.signals, c.symbols, strict=True)}
+    return motion | {item.name: item.symbol for item in system.inputs}
+
+
+def samples(system: System, run: Simulation, expression: sp.Expr) -> np.ndarray:
+    """An expression in the contact's variables and measured signals at the samples of a simulation, shape (n,)."""
+    known = {CONTACT.t: run.t, CONTACT.v: run.v_slip, CONTACT.N: run.N}
+    known |= {s: run.signals.get(n, np.zeros(len(run.t))) for n, s in signal_symbols(system).items()}
+    expression = sp.sympify({CONTACT.s: system.slip_position, CONTACT.a: system.a_slip}.get(expression, expression))
+    expression = expression.subs({par.symbol: system.values[par.name] for par in system.parameters})
+    symbols = sorted(expression.free_symbols, key=str)
+    value = sp.lambdify(symbols, expression, "numpy")(*(known[s] for s in symbols))
+    return np.broadcast_to(np.asarray(value, dtype=float), run.t.shape).copy()
+
+
+def scales(system: System, runs: Sequence[Simulation]) -> dict[str, tuple[float, float]]:
+    """What the values of hidden parameters are tried relative to, see :func:`frictionpinn.physics.scan.data_scales`."""
+    has_position = system.slip_position is not None
+    position = [samples(system, run, CONTACT.s) if has_position else np.cumsum(run.v_slip) for run in runs]
+    return data_scales([run.t for run in runs], position, [run.v_slip for run in runs], [run.N for run in runs])
+
+
+def ranges(system: System, remainders: Sequence[Remainder], runs: Sequence[Simulation]) -> dict[str, np.ndarray]:
+    """Samples of each remainder's variable, all trials together."""
+    return {r.variable: np.concatenate([samples(system, run, r.symbol) for run in runs]) for r in remainders}
+
+
+def impossible(
+    bench: Bench,
+    candidate: Candidate,
+    values: Mapping[str, float],
+    ci95: Mapping[str, tuple[float, float]] | None = None,
+) -> str:
+    """Why an effect cannot be what is missing, by what a refit made of it; empty where it can.
+
+    * the 95 % interval holds zero (of several strengths all do), has no width (numerically degenerate), or is unknown;
+    * a share or a mass at the lower limit where nothing is left: a mass, a sensor's scale, friction of one direction;
+    * an inertia that makes the moving mass negative;
+    * a delay longer than a period of the fastest motion: another cycle would do as well;
+    * a wavelength above the stroke: no period was seen.
+
+    Args:
+        values: all parameters of the refit, SI units.
+        ci95: 95 % intervals of the strengths; None: not known yet.
+    """
+    table = {par.name: par for par in bench.tested.parameters}
+    for name in (*candidate.strengths, *candidate.hidden):
+        value, low = values[name], table[name].low
+        if not np.isfinite(value):
+            return f"{name} is no number"
+        if np.isfinite(low) and low < 0 and value <= LIMIT * low:
+            return f"{name} at its limit, {low:.3g} {table[name].unit}, where nothing is left of what it changes"
+        if name.endswith("wavelength") and value > (stroke := bench.sizes.scales["stroke"][1]):
+            return f"{name} of {value:.3g} above the stroke of {stroke:.3g}: no period was seen"
+    effect = next(e for e in bench.tested.effects if e.name == candidate.effect)
+    delays = {name for signs in effect.delays(bench.tested.system, bench.tested.law).values() for name in signs}
+    late = max((n for n in candidate.strengths if n in delays), key=lambda n: abs(values[n]), default=None)
+    if late and abs(values[late]) > (period := fastest_period(bench)):
+        return f"{late} of {values[late]:.3g} s, longer than a period of the fastest motion, {period:.3g} s"
+    if candidate.effect == "inertia" and values["inertia"] < 0 and values["inertia"] <= -moving_mass(bench):
+        return f"inertia of {values['inertia']:.3g} makes the moving mass negative"
+    intervals = [] if ci95 is None else [ci95[name] for name in candidate.strengths]
+    if not np.isfinite(intervals).all():
+        return "these data do not tell how large it is"
+    if any(low == high for low, high in intervals):
+        return "its 95 % interval has no width: numerically degenerate"
+    if intervals and all(low <= 0 <= high for low, high in intervals):
+        return f"its 95 % interval holds zero ({'; '.join(f'{low:.3g} to {high:.3g}' for low, high in intervals)})"
+    return ""
+
+
+def fastest_period(bench: Bench) -> float:
+    """Period of the fastest motion, s: of each trial the frequency below which most of the slip velocity's power lies,
+    the largest of all trials."""
+    fastest = 0.0
+    for run in bench.simulate(bench.base):
+        t = np.linspace(run.t[0], run.t[-1], len(run.t))
+        power = np.abs(np.fft.rfft(np.interp(t, run.t, run.v_slip))[1:]) ** 2
+        if power.sum() > 0:
+            k = int(np.searchsorted(np.cumsum(power), POWER * power.sum()))
+            fastest = max(fastest, (k + 1) / float(t[-1] - t[0]))
+    return 1 / fastest if fastest > 0 else np.inf
+
+
+def moving_mass(bench: Bench) -> float:
+    """Least force per slip acceleration along the motion, in the system's unit of mass or inertia.
+
+    Infinite where the equation of motion has none.
+    """
+    system = bench.mechanism.system
+    slipping = [c for c in system.free if system.jacobian[c.name] != 0]
+    if system.massless or len(slipping) != 1:
+        return np.inf
+    (c,) = slipping
+    slope = -sp.diff(system.friction_implied, c.symbols[2]) / system.jacobian[c.name]
+    return min(float(samples(system, run, slope).min()) for run in bench.simulate(bench.base))

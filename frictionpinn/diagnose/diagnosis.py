@@ -15,17 +15,13 @@ from ..data.recording import Recording
 from ..identify.result import Estimate
 from ..physics.mechanism import Mechanism
 from .bench import Bench
-from .candidates import Candidate, candidates, effects_for
+from .candidates import Candidate, Remainder, candidates, effects_for, places, ranges, remainders, scales, simulations
 from .errors import main_signal
 from .evidence import surprise
 from .fit import Fit
 from .intervals import intervals
-from .network import Network, train_network
-from .observe import ranges, scales, simulations
-from .remainder import Remainder, places, remainders
 from .select import Accepted, Refused, Selection, Settings, select
-from .unexplained import Unexplained
-from .verdict import judge
+from .verdict import Network, Unexplained, judge, train_network
 
 log = logging.getLogger(__name__)
 

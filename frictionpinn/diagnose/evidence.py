@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -64,22 +64,20 @@ def surprise(bench: Bench, fit: Fit) -> float | None:
     return solution.state.cost + 0.5 * float(change)
 
 
-def _held_out(bench: Bench, fit: Fit) -> tuple[Problem, Sequence[TrialModel], State, Evaluate] | None:
+def _held_out(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], State, Evaluate] | None:
     """The held-out trials at the fit's parameters: their problem, models, first state, and how it is evaluated."""
     if bench.checked is None:
         return None
     simulator = fit.models[0].simulator
     problem = bench.problem_of(bench.checked, fit.names, fit.values, simulator)
     problem.prior = Prior.none()  # counted once, with the fitted trials
-    models: Sequence[TrialModel] = bench.equipped(bench.checked.trials, simulator)
+    models: tuple[TrialModel, ...] = bench.equipped(bench.checked.trials, simulator)
     u = problem.space.to_search(np.array([fit.values[name] for name in problem.names]))
     if problem.mechanism.law.memory:
         own = copy.copy(problem)
         own.trials = tuple(models)
-        try:
+        with suppress(ContactLost, SimulationFailed):
             models = with_bristle(own, u)
-        except (ContactLost, SimulationFailed):
-            pass
     evaluate = problem.evaluator(models, fit.sigmas)
-    first = evaluate(u, [model.local[: model.size(problem.joint)] for model in models], True)
+    first = evaluate(u, tuple(model.local[: model.size(problem.joint)] for model in models), True)
     return None if first is None else (problem, models, first, evaluate)

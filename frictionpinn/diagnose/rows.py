@@ -95,4 +95,5 @@ def _resolved(rows: Rows, t: np.ndarray, width: float) -> Rows:
         return rows
     every = np.concatenate([rows.r[:, :, None], rows.change, rows.local], axis=2)
     every, n = averaged(every, np.ones(rows.r.shape), half), rows.change.shape[2]
-    return replace(rows, r=np.ascontiguousarray(every[:, :, 0]), change=every[:, :, 1 : n + 1], local=every[:, :, n + 1 :])
+    r, change, local = every[:, :, 0], every[:, :, 1 : n + 1], every[:, :, n + 1 :]
+    return replace(rows, r=np.ascontiguousarray(r), change=change, local=local)

@@ -10,12 +10,11 @@ import numpy as np
 from ..identify.linear import Rows
 from ..identify.problem import in_parallel
 from .bench import Bench
-from .candidates import Candidate
+from .candidates import BUMPS, Candidate, Remainder
 from .fit import Fit
 from .noise import Noise, fit_noise
 from .overflow import limit, overflowing, sizes, without
 from .points import Place, Tested, test_all
-from .remainder import BUMPS, Remainder
 from .rows import linearise
 from .score import Columns, Normal, log_p, solve
 
@@ -27,7 +26,7 @@ class Remaining:
     """How much a force or a friction that depends on one variable would explain.
 
     Attributes:
-        variable: it, see :func:`frictionpinn.diagnose.remainder.variables`.
+        variable: it, see :func:`frictionpinn.diagnose.candidates.remainders`.
         kind: "force" or "friction".
         log_p, statistic, freedom: as of a candidate.
         coefficients: of the bumps, one Gauss-Newton step, shape (BUMPS,).

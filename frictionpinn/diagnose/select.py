@@ -11,12 +11,10 @@ from scipy.stats import chi2
 
 from ..identify.parallel import in_parallel
 from .bench import Bench
-from .candidates import Candidate
+from .candidates import Candidate, Remainder, impossible
 from .evidence import surprise
 from .fit import Fit
 from .intervals import intervals
-from .possible import impossible
-from .remainder import Remainder
 from .scan import Scanned, Tested, scan
 from .score import ALIKE
 
@@ -131,9 +129,9 @@ def select(
     """Find what the declared model lacks.
 
     1. The declared model is fitted by maximum likelihood, from a coarse resolution in time to the single sample.
-    2. Every candidate, and every force and friction that depends on one variable in any way, is score-tested at the fit:
-       at the sample and, where that leaves more than noise, at a coarse resolution too, where a stop that comes late
-       spoils less.
+    2. Every candidate, and every force and friction that depends on one variable in any way, is score-tested at the
+       fit: at the sample and, where that leaves more than noise, at a coarse resolution too, where a stop that comes
+       late spoils less.
     3. The most significant are refitted with all parameters from where they were tested down to the sample, and ranked
        by their evidence.
     4. Those that are not told apart are judged by the evidence of the held-out trials. What stays within reach of the
@@ -287,7 +285,7 @@ def _judged(
         twins = [t for c in near[:1] for t in groups[c.tested.candidate.name]]
         names = {c.tested.candidate.name for c in near}
         near += _twins(bench, before, near[0], [t for t in twins if t.candidate.name not in names], settings)
-        judged = in_parallel(lambda k, own=near: surprise(bench, own[k].fit), [1.0] * len(near))
+        judged = _surprises(bench, [c.fit for c in near])
         worst = np.inf if reference is not None else None
         near = [replace(c, surprise=s if s is not None else worst) for c, s in zip(near, judged, strict=True)]
         best = min(near, key=lambda c: c.cost)
@@ -315,9 +313,11 @@ def _judged(
     return None, [], refused
 
 
-def _twins(
-    bench: Bench, before: Fit, head: Contender, twins: Sequence[Tested], settings: Settings
-) -> list[Contender]:
+def _surprises(bench: Bench, fits: Sequence[Fit]) -> list[float | None]:
+    return in_parallel(lambda k: surprise(bench, fits[k]), [1.0] * len(fits))
+
+
+def _twins(bench: Bench, before: Fit, head: Contender, twins: Sequence[Tested], settings: Settings) -> list[Contender]:
     """Those that the score tests did not tell from a contender, refitted from its fit, as far as they come near."""
 
     def refit(k: int) -> Fit | None:
@@ -386,4 +386,3 @@ def _impossible(bench: Bench, selection: Selection) -> str:
             own = a is selection.accepted[-1]
             return why if own else f"with it {a.candidate.name} is not possible: {why}"
     return ""
-

@@ -1,4 +1,4 @@
-"""The verdict: what the added effects take off, and whether what is left matters."""
+"""The verdict: what the added effects take off, whether what is left matters, and what is known of what is left."""
 
 from __future__ import annotations
 
@@ -7,18 +7,24 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from sklearn.linear_model import OrthogonalMatchingPursuit
 
 from .bench import Bench
-from .errors import along, compare, main_signal
+from .candidates import Remainder
+from .errors import compare, main_signal
 from .evidence import check
 from .fit import Fit
-from .remainder import BUMPS, Remainder
+from .rows import linearise, on_probe
 from .scan import Remaining, Scanned
+from .score import Columns, Normal
 from .select import Selection, Settings
-from .unexplained import Unexplained, describe
 
 FOUND, NOTHING, PARTLY, UNEXPLAINED = "effect found", "nothing missing", "partly explained", "unexplained"
 FIFTH = 0.2  # of the squared error beyond the noise: names that take off less are not the names of what is missing
+SIMILAR = 0.9  # of the best log p: variables that explain as much are named together
+TERMS = 3  # of a formula at most: longer ones say no more than a table
+GOOD = 0.97  # share of the shape that a formula must explain
+POINTS = 60  # of a shape: several for each bump
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,7 @@ class Verdict:
         trifle: one that is significant, but smaller than ``Settings.worth``, where no other is left.
         fit, scanned: the model that the verdict is about, and what is known at it.
         before, after: declared and augmented model on the trials of ``scored``.
+        scored: "held-out trials", or "fitted trials" where none could be held out.
         errors: see :func:`frictionpinn.diagnose.errors.compare`.
         shares: of the squared error beyond the noise by which errors are quoted first: what each effect took off when
             it was added, {value, ci95}.
@@ -68,55 +75,210 @@ def judge(
         covered: samples of every remainder's variable, shape (n,) each.
         forces: friction force at the same samples, shape (n,).
     """
-
-    def words(fit: Fit, remaining: Sequence[Remaining]) -> Unexplained:
-        by = {m.names: size(m, places, covered[m.variable], forces) for m in remaining}
-        return describe(bench, fit, remaining, remainders, dict(places), dict(covered), by[remaining[0].names])
-
     path = [selection.base, *selection.path, selection.fit]
-    scored, judged = "held-out trials", [check(bench, fit) for fit in path]
+    judged = [check(bench, fit) for fit in path]
     fits = [fit for fit in judged if fit is not None]
+    scored = "held-out trials"
     if len(fits) < len(path):
         scored, fits = "fitted trials", path
-    errors = compare(bench, fits[0], fits[-1], selection.last.sigmas)
-    excess = along(bench, fits, selection.last.sigmas, main_signal(bench.mechanism.system, errors))
-    left = _significant(selection.last.remaining, settings)
-    matter = [m for m in left if size(m, places, covered[m.variable], forces) >= settings.worth]
-    rest = trifle = None
-    fit, scanned = selection.fit, selection.last
+    errors, excesses = compare(bench, fits, selection.last.sigmas)
+    excess = excesses[main_signal(bench.mechanism.system, errors)]
+
+    fit, scanned, before, after = selection.fit, selection.last, fits[0], fits[-1]
+    whole: dict[str, Any] = {"value": 1.0, "ci95": [1.0, 1.0]}
+    shares = tuple(excess.share(k) for k in range(1, len(selection.accepted) + 1))
+    left = excess.share(0) if shares else whole
+
+    def significant(remaining: Sequence[Remaining]) -> list[Remaining]:
+        return [m for m in remaining if m.log_p + np.log10(len(remaining)) < settings.log_p]
+
+    remaining = significant(selection.last.remaining)
+    bumps = {r.variable: r.bumps(covered[r.variable], places) for r in remainders}
+    matter = [m for m in remaining if size(m, bumps[m.variable], forces) >= settings.worth]
     if not matter:
         name = FOUND if selection.accepted else NOTHING
-        trifle = words(fit, left) if left else None
     elif selection.accepted and not excess.squared[-1] > (1 - FIFTH) * excess.squared[0]:
-        name, rest = PARTLY, words(fit, matter)
+        name = PARTLY
     else:
-        name, own = UNEXPLAINED, matter
-        if selection.accepted:
-            fit, scanned, fits = selection.base, selection.first, [fits[0]] * 2
-            own = _significant(scanned.remaining, settings) or list(scanned.remaining)
-            errors = compare(bench, fits[0], fits[1], scanned.sigmas)
-        rest = words(fit, own)
-    many = len(selection.accepted) if fit is selection.fit else 0
-    shares = tuple(excess.share(k) for k in range(1, many + 1))
-    whole = {"value": 1.0, "ci95": [1.0, 1.0]}
-    return Verdict(name, rest, trifle, fit, scanned, fits[0], fits[-1], scored, errors, shares,
-                   excess.share(0) if many else whole)  # fmt: skip
+        name = UNEXPLAINED
+        if selection.accepted:  # the answer is the declared model's: the effects are not what is missing
+            fit, scanned, after = selection.base, selection.first, before
+            matter = significant(scanned.remaining) or list(scanned.remaining)
+            errors, _ = compare(bench, [before, after], scanned.sigmas)
+            shares, left = (), whole
+
+    def told(remaining: Sequence[Remaining]) -> Unexplained | None:
+        return describe(bench, fit, remaining, remainders, places, covered, forces) if remaining else None
+
+    trifle = None if matter else told(remaining)
+    return Verdict(name, told(matter), trifle, fit, scanned, before, after, scored, errors, shares, left)
 
 
-def size(m: Remaining, places: Mapping[str, float], x: np.ndarray, forces: np.ndarray) -> float:
+@dataclass(frozen=True)
+class Unexplained:
+    """A significant remainder.
+
+    Attributes:
+        depends_on: variables, the one that explains most first.
+        kind: "force", or "friction" (a share of the dry friction).
+        share: of the held-out remainder that the first explains, cross-validated; NaN without held-out trials.
+        formula: a short one, or None.
+        x, shape, error: the remainder over the first variable, and its standard error, shape (POINTS,).
+        unit: of the shape.
+        log_p: how significant.
+        size: root mean square of its force over that of the friction force.
+    """
+
+    depends_on: tuple[str, ...]
+    kind: str
+    share: float
+    formula: str | None
+    x: np.ndarray
+    shape: np.ndarray
+    error: np.ndarray
+    unit: str
+    log_p: float
+    size: float
+
+
+def describe(
+    bench: Bench,
+    fit: Fit,
+    remaining: Sequence[Remaining],
+    remainders: Sequence[Remainder],
+    places: Mapping[str, float],
+    covered: Mapping[str, np.ndarray],
+    forces: np.ndarray,
+) -> Unexplained:
+    """Describe what a scan found to remain.
+
+    Args:
+        fit: the model whose remainder it is.
+        remaining: of the scan, the most significant first.
+        remainders, places, covered, forces: see :func:`judge`.
+    """
+    best = remaining[0]
+    names = tuple(dict.fromkeys(m.variable for m in remaining if m.log_p < SIMILAR * best.log_p))
+    remainder = next(r for r in remainders if r.variable == best.variable)
+    low, high = np.quantile(covered[best.variable], [0.01, 0.99])  # where the data are
+    x = np.linspace(low, high, POINTS)
+    bumps = remainder.bumps(x, places)
+    shape = bumps @ best.coefficients
+    error = np.sqrt(np.maximum(np.einsum("ik,kl,il->i", bumps, best.errors, bumps), 0.0))
+    share, formula = explained_share(bench, fit, best, places), sparse_formula(x, shape, error, best.variable)
+    unit = bench.mechanism.system.force_unit if best.kind == "force" else "1"
+    whole = size(best, remainder.bumps(covered[best.variable], places), forces)
+    return Unexplained(names, best.kind, share, formula, x, shape, error, unit, best.log_p, whole)
+
+
+def size(m: Remaining, bumps: np.ndarray, forces: np.ndarray) -> float:
     """Root mean square of a remainder's force over that of the friction force, what its errors make of it taken out.
 
     Args:
-        x: samples of its variable, shape (n,).
+        bumps: of its variable at samples, shape (n, BUMPS).
         forces: friction force there, shape (n,).
     """
-    first, step = places[f"{m.variable}_from"], places[f"{m.variable}_step"]
-    bumps = np.exp(-((((x - first) / step)[:, None] - np.arange(BUMPS)) ** 2))
     squared = (bumps @ m.coefficients) ** 2 - np.einsum("ik,kl,il->i", bumps, m.errors, bumps)
-    whole = max(float(np.mean(forces**2)), 1e-300)
     weight = forces**2 if m.kind == "friction" else 1.0
+    whole = max(float(np.mean(forces**2)), 1e-300)
     return float(np.sqrt(max(float(np.mean(weight * squared)), 0.0) / whole))
 
 
-def _significant(remaining: Sequence[Remaining], settings: Settings) -> list[Remaining]:
-    return [m for m in remaining if m.log_p + np.log10(len(remaining)) < settings.log_p]
+def explained_share(bench: Bench, fit: Fit, found: Remaining, places: Mapping[str, float]) -> float:
+    """Share of the held-out residual beyond noise that the remainder, estimated on the fitted trials, explains."""
+    checked = check(bench, fit)
+    if checked is None:
+        return float("nan")
+    rows = linearise(bench, checked, found.names, places, probed=True)
+    columns = [Columns.of(row, None) for row in rows]
+    normal = Normal.of(found.names, columns)
+    # A fit may take what it lacks for noise; differences from sample to sample do not.
+    level = {name: min(1.0, bench.problem.sigmas[name] / sigma) for name, sigma in checked.sigmas.items()}
+    floor = 0.0
+    for row, column in zip(rows, columns, strict=True):
+        noise = sum(level.get(name, 1.0) ** 2 * np.count_nonzero(r) for name, r in zip(row.signals, row.r, strict=True))
+        floor += noise * (1 - column.own.shape[1] / len(column.r))
+    c = found.coefficients
+    gained = -(2 * normal.b @ c + c @ normal.A @ c)
+    excess = normal.rr - floor
+    return float(np.clip(gained / excess, 0.0, 1.0)) if excess > 0 else float("nan")
+
+
+def sparse_formula(x: np.ndarray, y: np.ndarray, error: np.ndarray, name: str) -> str | None:
+    """The shortest sum of elementary functions of x that explains the shape, or None.
+
+    Orthogonal matching pursuit over powers, absolute values, exponentials of |x| and harmonics; all shape (n,).
+    """
+    scale, span = max(float(np.abs(x).max()), 1e-300), max(float(x.max() - x.min()), 1e-300)
+    weight = 1 / np.maximum(error, np.median(error) + 1e-300)
+    table = {"1": np.ones_like(x), name: x, f"{name}^2": x**2, f"{name}^3": x**3, f"|{name}|": np.abs(x),
+             f"{name}*|{name}|": x * np.abs(x), f"sign({name})": np.sign(x)}  # fmt: skip
+    for part in (0.05, 0.2):  # of the largest |x|: a narrow peak and a broad one
+        table[f"exp(-|{name}|/{part * scale:.3g})"] = np.exp(-np.abs(x) / (part * scale))
+    for k in (1, 2, 3):  # periods over the range: eight bumps show hardly more
+        table[f"sin({2 * np.pi * k / span:.3g}*{name})"] = np.sin(2 * np.pi * k * x / span)
+        table[f"cos({2 * np.pi * k / span:.3g}*{name})"] = np.cos(2 * np.pi * k * x / span)
+    A, target = np.stack(list(table.values()), axis=1) * weight[:, None], y * weight
+    total = float(target @ target)
+    for count in range(1, TERMS + 1):
+        model = OrthogonalMatchingPursuit(n_nonzero_coefs=count, fit_intercept=False).fit(A, target)
+        left = target - A @ model.coef_
+        if total > 0 and 1 - float(left @ left) / total > GOOD:
+            terms = [(c, key) for c, key in zip(model.coef_, table, strict=True) if c != 0]
+            return " ".join(f"{c:+.3g}" if key == "1" else f"{c:+.3g}*{key}" for c, key in terms).lstrip("+")
+    return None
+
+
+@dataclass(frozen=True)
+class Network:
+    """The fallback term F_net(x) = sum_k w_k exp(-(x - x_k)^2 / h^2), or the law seeing the load N (1 + that sum).
+
+    A network with one hidden layer of radial units: a black box on what remains, no more is known of it than the
+    variable x that it depends on. It is one of the project's symbolic effects, so that the model with it is simulated,
+    differentiated, saved and folded like any other.
+
+    Attributes:
+        effect: the term, as an effect.
+        kind: "force", w in the system's unit of force; or "friction", w a share of the dry friction.
+        values: weights and the units' places by name, SI units.
+        fit: of all parameters and weights together.
+        errors: before it and after, see :func:`frictionpinn.diagnose.errors.compare`.
+    """
+
+    effect: Remainder
+    kind: str
+    values: dict[str, float]
+    fit: Fit
+    errors: dict[str, dict[str, Any]]
+
+
+def train_network(
+    bench: Bench,
+    fit: Fit,
+    remaining: Sequence[Remaining],
+    remainders: Sequence[Remainder],
+    places: Mapping[str, float],
+    sigmas: Mapping[str, float],
+) -> Network | None:
+    """Train the network through the equation of motion, on the variable with the most significant remainder.
+
+    None where no fit succeeds.
+
+    Args:
+        fit: the model that leaves the remainder.
+        remaining: what is left, the most significant first.
+        remainders, places: the terms by variable, and where their radial units lie.
+        sigmas: noise standard deviations, SI units.
+    """
+    best = remaining[0]
+    effect = next(r for r in remainders if r.variable == best.variable)
+    start = on_probe(bench, fit, places)
+    steps = dict(zip(best.names, best.coefficients, strict=True))
+    tried = [bench.refit(start, (*fit.names, *best.names), start.values | weights) for weights in ({}, steps)]
+    found = min((f for f in tried if f is not None), key=lambda f: f.state.cost, default=None)
+    if found is None:
+        return None
+    before, after = check(bench, start), check(bench, found)
+    pair = (start, found) if before is None or after is None else (before, after)
+    values = {name: found.values[name] for name in (*best.names, *effect.place)}
+    return Network(effect, best.kind, values, found, compare(bench, pair, sigmas)[0])

@@ -14,8 +14,7 @@ from ..data.split import split_trials
 from ..diagnose.augmented import save_augmented
 from ..diagnose.diagnosis import Diagnosis
 from ..diagnose.diagnosis import diagnose as run_diagnosis
-from ..diagnose.draw import draw, headline
-from ..diagnose.page import equation, in_latex, in_mathml, rate_equation, span, write_page
+from ..diagnose.report import draw, equations, headline, in_latex, in_mathml, span, write_page
 from ..diagnose.select import Settings
 from ..errors import UserError, choose
 from ..identify.result import plain
@@ -68,7 +67,7 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
 def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out: Recording) -> dict[str, Any]:
     """Write result.json, figures, the page, TensorBoard and the augmented model."""
     folder.mkdir(parents=True, exist_ok=True)
-    augmented = save_augmented(folder / "augmented.yaml", d, cfg)
+    augmented = save_augmented(folder / "augmented.yaml", d)
     result = as_dict(d) | {
         "data": {
             "source": fitted.source, "sha256": fitted.checksum, "fitted": list(fitted.names),
@@ -79,13 +78,13 @@ def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out:
         "commit": commit(),
         "config": cfg,
     }  # fmt: skip
-    equations = [e for e in (equation(augmented), rate_equation(augmented)) if e is not None]
-    result["equation"] = "\n".join(in_latex(e) for e in equations)
+    written = equations(augmented)
+    result["equation"] = "\n".join(in_latex(e) for e in written)
     paths = draw(folder / "figures", d)
     result["figures"] = [str(p.relative_to(folder)) for p in paths]
     write_json(folder / "result.json", result)
-    mathml = "<br>".join(in_mathml(e) for e in equations)
-    page = write_page(folder / "report.html", result, headline(d), mathml, paths)
+    mathml = "<br>".join(in_mathml(e) for e in written)
+    write_page(folder / "report.html", result, headline(d), mathml, paths)
     dashboard(folder / "tensorboard", d, paths)
     log.info(headline(d))
     for effect in result["effects"]:
@@ -97,7 +96,7 @@ def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out:
             f"  a network of {d.network.effect.variable} in its place: {error['quantity']} {error['before']:.4g} -> "
             f"{error['after']:.4g} {error['unit']} (noise {error['noise_floor']:.4g}); part of the augmented model"
         )
-    log.info(f"result.json, figures, the augmented model and the page {page.name} are in {folder}")
+    log.info(f"result.json, figures, the augmented model and the page report.html are in {folder}")
     return result
 
 

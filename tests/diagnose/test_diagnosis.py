@@ -18,10 +18,10 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
-from frictionpinn.diagnose import draw
+from frictionpinn.diagnose import report
 from frictionpinn.diagnose.augmented import folded, load_augmented, save_augmented
 from frictionpinn.diagnose.diagnosis import diagnose
-from frictionpinn.diagnose.draw import evidence_so_far, headline
+from frictionpinn.diagnose.report import evidence_so_far, headline
 from frictionpinn.diagnose.select import Settings
 from frictionpinn.errors import UserError
 from frictionpinn.numerics.simulate import Simulator
@@ -83,15 +83,19 @@ def test_an_undeclared_constant_force_is_named_measured_and_proved():
 
 def test_where_held_out_trials_are_predicted_badly_as_fitted_the_headline_says_what_the_errors_allow(monkeypatch):
     d = SimpleNamespace(
-        scored="held-out trials", before=SimpleNamespace(models=[0, 1]), settings=Settings(), gain_within_errors=75.2
-    )
+        accepted=[1],
+        scored="held-out trials",
+        before=SimpleNamespace(models=[0, 1]),
+        settings=Settings(),
+        gain_within_errors=75.2,
+    )  # fmt: skip
     gained = {0: -380.0, 1: 9.0}
-    monkeypatch.setattr(draw, "evidence_so_far", lambda d, k: (np.zeros(2), np.array([0.0, gained[k]])))
-    assert draw._gain(d) == (
+    monkeypatch.setattr(report, "evidence_so_far", lambda d, k: (np.zeros(2), np.array([0.0, gained[k]])))
+    assert report.gain_in_words(d) == (
         " (log-likelihood of trials that no fit saw -371, +75 with parameters moved within their errors)"
     )
     gained[0] = 380.0
-    assert draw._gain(d) == " (log-likelihood of trials that no fit saw +389)"
+    assert report.gain_in_words(d) == " (log-likelihood of trials that no fit saw +389)"
 
 
 def test_nothing_is_found_where_nothing_is_missing():
@@ -107,7 +111,7 @@ def test_a_force_without_a_name_is_unexplained_its_variable_is_said_and_a_networ
     assert d.unexplained.share > 0.5
     for entry in d.network.errors.values():
         assert entry["after"] < 1.15 * min(entry["noise_floor"], entry["before"]), d.network.errors
-    save_augmented(tmp_path / "augmented.yaml", d, {})
+    save_augmented(tmp_path / "augmented.yaml", d)
     mechanism, values = load_augmented(tmp_path / "augmented.yaml")
     assert [e.name for e in mechanism.effects] == ["remainder_position"]
     assert set(d.network.values) <= set(values)

@@ -23,7 +23,7 @@ def errors(noise):
     mechanism = Mechanism(system, LAWS["lugre"]())
     bench = Bench(mechanism, mechanism, mechanism, made, made.select(()), loss="auto")
     fit = bench.base()
-    return compare(bench, fit, fit, fit.levels(bench.problem.loss))
+    return compare(bench, [fit, fit], fit.levels(bench.problem.loss))[0]
 
 
 @pytest.mark.parametrize("noise", [GaussianNoise(0.02), OutlierNoise(0.02, 0.02, 10.0)])
@@ -46,7 +46,7 @@ def test_inputs_are_reported_as_the_model_needs_them_and_of_an_imposed_motion_on
     mechanism = Mechanism(system, LAWS["coulomb_viscous"]())
     bench = Bench(mechanism, mechanism, mechanism, made, made.select(()))
     fit = bench.base()
-    found = compare(bench, fit, fit, fit.levels(bench.problem.loss))
+    found = compare(bench, [fit, fit], fit.levels(bench.problem.loss))[0]
     assert [name for name, e in found.items() if "relative" in e] == [next(iter(found))] and len(found) > 1
     assert {name: e["unit"] for name, e in found.items()} == {n: system.signal_units[n] for n in found}
 

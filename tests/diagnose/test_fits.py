@@ -13,10 +13,9 @@ from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose import bench as benches
 from frictionpinn.diagnose import restarts
 from frictionpinn.diagnose.bench import Bench
-from frictionpinn.diagnose.candidates import candidates
+from frictionpinn.diagnose.candidates import candidates, scales
 from frictionpinn.diagnose.diagnosis import _bench
 from frictionpinn.diagnose.fit import Fit
-from frictionpinn.diagnose.observe import scales, simulations
 from frictionpinn.diagnose.restarts import blunted, lifted, peaked, widened
 from frictionpinn.diagnose.select import Settings, _beside_vanished
 from frictionpinn.identify import likelihood
@@ -210,7 +209,7 @@ def test_candidates_are_tested_beside_static_friction_that_vanished_from_the_fit
     clean = simulate_recording(system, "lugre", TRUTH | {"constant_force": 0.3}, TRIALS, 200.0, ["constant_force"])
     made = GaussianNoise(0.02)(clean, 0)
     bench, kinds, _ = _bench(Mechanism(system, LAWS["lugre"]()), made, made.select(()), ["constant_force"], None, {})
-    options = candidates(kinds, system, bench.mechanism.law, scales(system, simulations(bench, bench.base())))
+    options = candidates(kinds, system, bench.mechanism.law, scales(system, bench.simulate(bench.base())))
     settings, whole = Settings(), bench.base()
     selection = SimpleNamespace(fit=replace(whole, values=whole.values | TRUTH), refused=[], accepted=[])
     assert _beside_vanished(bench, selection, options, settings) == []

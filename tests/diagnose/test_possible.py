@@ -7,9 +7,7 @@ import pytest
 from test_diagnosis import recorded
 
 from frictionpinn.diagnose.bench import Bench
-from frictionpinn.diagnose.candidates import candidates, effects_for
-from frictionpinn.diagnose.observe import scales, simulations
-from frictionpinn.diagnose.possible import fastest_period, impossible, moving_mass
+from frictionpinn.diagnose.candidates import candidates, effects_for, fastest_period, impossible, moving_mass, scales
 from frictionpinn.physics import LAWS
 from frictionpinn.physics.mechanism import Mechanism
 
@@ -22,7 +20,7 @@ def drive():
     kinds = effects_for(system, law, ["payload", "inertia", "delay", "ripple", "asymmetry", "drag"])
     mechanism, tested = Mechanism(system, law), Mechanism(system, law, kinds)
     bench = Bench(mechanism, tested, tested, made, made.select(()))
-    made = candidates(kinds, system, law, scales(system, simulations(bench, bench.base())))
+    made = candidates(kinds, system, law, scales(system, bench.simulate(bench.base())))
     return bench, {c.name: c for c in made}
 
 

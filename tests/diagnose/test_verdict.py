@@ -9,12 +9,12 @@ import pytest
 from test_diagnosis import Waves, diagnosed
 
 from frictionpinn.diagnose import verdict as verdicts
-from frictionpinn.diagnose.draw import headline
-from frictionpinn.diagnose.observe import ranges, simulations
-from frictionpinn.diagnose.remainder import BUMPS, Remainder, places
+from frictionpinn.diagnose.candidates import BUMPS, Remainder, places, ranges
+from frictionpinn.diagnose.report import headline
 from frictionpinn.diagnose.scan import Remaining
 from frictionpinn.diagnose.select import Settings
 from frictionpinn.diagnose.verdict import judge, size
+from frictionpinn.physics.base import CONTACT
 from frictionpinn.workflow.diagnose import as_dict
 
 
@@ -26,7 +26,7 @@ def partly():
 
 
 def judged(d, **options):
-    system, runs = d.bench.mechanism.system, simulations(d.bench, d.selection.base)
+    system, runs = d.bench.mechanism.system, d.bench.simulate(d.selection.base)
     probes = [e for e in d.bench.probe.mechanism.effects if isinstance(e, Remainder)]
     covered = ranges(system, probes, runs)
     where = {k: v for r in probes for k, v in places(r, covered[r.variable]).items()}
@@ -43,7 +43,10 @@ def test_a_name_that_held_out_trials_confirm_beside_a_remainder_is_part_of_the_a
     assert share["value"] > 0.2 and share["value"] + d.left["value"] == pytest.approx(1.0)
     assert share["ci95"][0] < share["value"] < share["ci95"][1]
     said = headline(d)
-    assert f"asymmetric_viscous took off {100 * share['value']:.0f} %" in said and "is left; it depends on" in said
+    assert (
+        f"asymmetric_viscous took off {100 * share['value']:.0f} %" in said
+        and "is left, a force that depends on" in said
+    )
     result = as_dict(d)
     assert result["effects"][0]["share_of_excess"] == share and result["left"] == d.left
     assert result["unexplained"]["size"] == d.unexplained.size and result["negligible"] is None
@@ -69,9 +72,10 @@ def test_names_that_take_off_less_than_asked_for_leave_it_unexplained(partly, mo
 def test_the_size_of_a_remainder_is_its_share_of_the_friction_force_without_what_its_errors_make():
     x, forces = np.linspace(0.0, 1.0, 200), 3.0 * np.ones(200)
     where = {"position_from": 0.0, "position_step": 1.0 / (BUMPS - 1)}
+    bumps = Remainder("position", CONTACT.s).bumps(x, where)
     c, none = 0.3 * np.ones(BUMPS), np.zeros((BUMPS, BUMPS))
     force, friction = (Remaining("position", kind, -9.0, 99.0, BUMPS, c, none) for kind in ("force", "friction"))
-    assert size(friction, where, x, forces) == pytest.approx(3.0 * size(force, where, x, forces), rel=1e-6)
-    assert 0.1 < size(force, where, x, forces) < 0.2
+    assert size(friction, bumps, forces) == pytest.approx(3.0 * size(force, bumps, forces), rel=1e-6)
+    assert 0.1 < size(force, bumps, forces) < 0.2
     loose = replace(force, errors=np.diag(c**2) * 100)
-    assert size(loose, where, x, forces) == 0.0
+    assert size(loose, bumps, forces) == 0.0

@@ -13,10 +13,8 @@ from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose import windows
 from frictionpinn.diagnose.bench import Bench
-from frictionpinn.diagnose.candidates import candidates
+from frictionpinn.diagnose.candidates import candidates, places, ranges, scales
 from frictionpinn.diagnose.diagnosis import _bench
-from frictionpinn.diagnose.observe import ranges, scales, simulations
-from frictionpinn.diagnose.remainder import places
 from frictionpinn.diagnose.rivals import mates, twins
 from frictionpinn.diagnose.tries import from_windows
 from frictionpinn.diagnose.windows import Asked, Short, over_windows, regular
@@ -39,7 +37,7 @@ def fitted_with(recording, *names: str) -> tuple[Bench, Asked]:
     """The declared model fitted, and what is asked where only these effects are known."""
     declared = Mechanism(SYSTEM, LAWS["lugre"]())
     bench, kinds, probes = _bench(declared, recording, recording.select(()), names, None, {})
-    runs = simulations(bench, bench.base())
+    runs = bench.simulate(bench.base())
     covered = ranges(SYSTEM, probes, runs)
     where = {k: v for r in probes for k, v in places(r, covered[r.variable]).items()}
     return bench, Asked(candidates(kinds, SYSTEM, declared.law, scales(SYSTEM, runs)), probes, where, 4)
