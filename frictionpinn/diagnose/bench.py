@@ -13,15 +13,16 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..errors import UserError
-from ..identify.descent import coarse_to_fine, cycled, resolutions
+from ..identify.descent import COARSE, coarse_to_fine, cycled, resolutions
+from ..identify.likelihood import ROUGH, windows_of, with_bristle
 from ..identify.prior import Prior
 from ..identify.problem import Problem, in_parallel
-from ..identify.solve import Evaluate, reduced
+from ..identify.solve import Evaluate, levenberg_marquardt, reduced
 from ..identify.space import Space
 from ..identify.start import default_bounds
 from ..identify.trial import TrialModel
 from ..identify.units import Sizes
-from ..numerics.simulate import Simulation, Simulator, Values
+from ..numerics.simulate import ContactLost, Simulation, SimulationFailed, Simulator, Values
 from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
 from .declared import fit_declared
@@ -226,6 +227,25 @@ class Bench:
         state = minima[0].state
         return Fit(problem.names, problem.values(state.u), models, state, sigmas, widths[-1], fit.span,
                    tuple(minima) if around else ())  # fmt: skip
+
+    def anew(self, fit: Fit, limits: Mapping[str, tuple[float, float]] | None = None) -> Fit | None:
+        """The same parameters estimated from short windows on, each begun as it was measured, where a missing effect
+        cannot have added up; then over whole trials from the coarsest resolution down to the sample."""
+        problem = self.problem_of(self.problem, fit.names, fit.values, fit.models[0].simulator, limits)
+        windows = self.equipped(windows_of(self.problem), problem.simulator)
+        over = problem.evaluator(windows, joint=False, width=self.widths[0], prior=False, **ROUGH)
+        first = over(fit.state.u, [model.local for model in windows], True)
+        if first is None:
+            return None
+        u = levenberg_marquardt(over, first, problem.space.limits, **COARSE).state.u
+        problem.trials = self.equipped(self.problem.trials, problem.simulator)
+        try:
+            models = with_bristle(problem, u)
+        except (ContactLost, SimulationFailed):
+            return None
+        locals_ = tuple(model.local[: model.size(problem.joint)] for model in models)
+        start = replace(fit, models=models, state=replace(fit.state, locals=locals_))
+        return self.refit(start, fit.names, problem.values(u), limits=limits, widths=self.widths)
 
     def settle(self, fit: Fit) -> Fit:
         """The fit at the noise levels that its residuals show, and the lowest of the minima around it."""

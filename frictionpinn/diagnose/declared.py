@@ -26,13 +26,14 @@ def fit_declared(
         mechanism: as declared.
         fitted: trials to fit.
         start: start values of parameters, SI units.
-        options: of :class:`Problem`; a loss of "auto" becomes robust where there are outliers.
+        options: of :class:`Problem`; its loss "auto" is robust where there are outliers, and for laws without memory,
+            which jump within a sample.
 
     Raises:
         UserError: the declared model cannot be fitted.
     """
     auto = options.get("loss", "auto") == "auto"
-    options = {**options, "loss": "gaussian" if auto else options["loss"]}
+    options = {**options, "loss": "gaussian" if auto and mechanism.law.memory else options.get("loss", "auto")}
     problem = Problem(mechanism, fitted, **options)
     estimate = maximum_likelihood(problem, start=start)
     if estimate.outcome == FAILED and not options.get("sigmas"):
@@ -42,7 +43,7 @@ def fit_declared(
         problem = Problem(mechanism, fitted, **(options | {"sigmas": louder}))
         problem.given = {}
         estimate = maximum_likelihood(problem, start=start)
-    if auto and estimate.outcome != FAILED and outliers(estimate.residuals) > OUTLIERS:
+    if auto and mechanism.law.memory and estimate.outcome != FAILED and outliers(estimate.residuals) > OUTLIERS:
         options["loss"] = "robust"
         problem = Problem(mechanism, fitted, **options)
         estimate = maximum_likelihood(problem, start=start)

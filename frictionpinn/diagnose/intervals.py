@@ -14,7 +14,9 @@ from .scan import Scanned
 def intervals(bench: Bench, fit: Fit, scanned: Scanned) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
     """Estimates and 95 % intervals from the likelihood's curvature, its other minima and the noise's colour counted."""
     normal = scanned.known
-    errors = np.sqrt(np.maximum(normal.covariance.diagonal(), 0.0))
+    flat = [r / fit.sigmas[n] for piece in fit.state.pieces for n, r in piece.residuals.items()]
+    factor = bench.problem.loss.inflation(np.nan_to_num(np.concatenate(flat)))
+    errors = np.sqrt(factor * np.maximum(normal.covariance.diagonal(), 0.0))
     wider = dict(zip(fit.names, fit.widening, strict=True))
     table = {par.name: par for par in bench.tested.parameters}
     values = {name: fit.values[name] for name in fit.names}

@@ -12,7 +12,7 @@ from ..physics.base import Parameter
 from .bench import Bench
 from .fit import Fit
 
-BEYOND = 1e4  # times the range of the signals that a strength of usual size would add: no derivative of this motion
+BEYOND = 1e8  # times the range of the signals: squares of such columns and of others have no common digits
 
 
 def limit(bench: Bench, fit: Fit) -> float:

@@ -21,6 +21,7 @@ from ..identify.linear import Rows
 from .noise import Noise
 
 SINGULAR = 1e-9  # of the largest eigenvalue: directions below are not told by the data
+NOTHING = 1e-6  # of a column's squared length: what is left of it beside what is estimated is rounding
 ALIKE = 0.995  # share of a candidate's trace that another explains: the data do not tell them apart
 
 
@@ -126,7 +127,7 @@ class Normal:
         at = self.places(names)
         A, b = self.A[np.ix_(at, at)], self.b[at]
         size = A.diagonal() if scale is None else scale
-        keep = A.diagonal() > 1e-8 * np.maximum(size, 1e-300)
+        keep = A.diagonal() > NOTHING * np.maximum(size, 1e-300)
         step = np.zeros(len(at))
         if not keep.any():
             return 0.0, 0, step

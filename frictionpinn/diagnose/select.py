@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -130,8 +130,8 @@ def select(
 
     1. The declared model is fitted by maximum likelihood, from a coarse resolution in time to the single sample.
     2. Every candidate, and every force and friction that depends on one variable in any way, is score-tested at the
-       fit: at the sample and, where that leaves more than noise, at a coarse resolution too, where a stop that comes
-       late spoils less.
+       fit: at the sample and, where that leaves more than noise or anything shows, at a coarse resolution too: there a
+       stop that comes late spoils less, and what shifts a jump (a sensor's delay) has a derivative.
     3. The most significant are refitted with all parameters from where they were tested down to the sample, and ranked
        by their evidence.
     4. Those that are not told apart are judged by the evidence of the held-out trials. What stays within reach of the
@@ -160,17 +160,13 @@ def select(
     selection = Selection(fit, fit, scanned, scanned)
     while len(selection.accepted) < settings.most:
         before = selection.fit
-        passes = [(selection.last, 0.0)]
-        if not before.white and len(bench.widths) > 3:
-            width = bench.widths[min(2, len(bench.widths) - 2)]
+        banned = {r.candidate.name for r in selection.refused}
+        asked = [(t, 0.0, group) for t, group in _heads(selection.last.tested, banned, chance, settings)]
+        if (asked or not before.white) and (width := _coarse(bench)):
             coarse = bench.refit(before, before.names, before.values, widths=[width])
             if coarse is not None:
-                passes.append((tested(coarse, selection.accepted), width))
-        banned = {r.candidate.name for r in selection.refused}
-        asked = [
-            (t, width, group) for scanned, width in passes
-            for t, group in _heads([t for t in scanned.tested if t.candidate.name not in banned], chance, settings)
-        ]  # fmt: skip
+                seen = tested(coarse, selection.accepted).tested
+                asked += [(t, width, group) for t, group in _heads(seen, banned, chance, settings)]
         if not asked:
             break
         found = _refitted(bench, before, asked, settings)
@@ -192,10 +188,18 @@ def select(
     return selection
 
 
-def _heads(tests: Sequence[Tested], chance: float, settings: Settings) -> list[tuple[Tested, list[Tested]]]:
+def _coarse(bench: Bench) -> float:
+    """Resolution of the second score tests, s: a quarter of the coarsest at which a fit begins; 0 without any."""
+    return bench.widths[min(2, len(bench.widths) - 1)]
+
+
+def _heads(
+    tests: Sequence[Tested], banned: Collection[str], chance: float, settings: Settings
+) -> list[tuple[Tested, list[Tested]]]:
     """The most significant candidates, each with those that the score tests do not tell from it; and of those that
     could not be tested, since their derivatives overflow, the ones with a single parameter."""
     heads: list[tuple[Tested, list[Tested]]] = []
+    tests = [t for t in tests if t.candidate.name not in banned]
     for t in sorted(tests, key=lambda t: t.log_p):
         group = next((g for head, g in heads if cosine(head, t) > ALIKE), None)
         if group is not None:
@@ -228,24 +232,27 @@ def _refitted(
         if fit is not None and (name not in best or fit.state.cost < best[name].fit.state.cost):
             best[name] = Contender(tested, fit)
     found = sorted(best.values(), key=lambda c: c.fit.cost)
-    rugged = [k for k, c in enumerate(found[: settings.followed]) if not c.fit.white]
+    rugged = [k for k, c in enumerate(found[: settings.followed]) if not c.fit.white and c.fit.cost < before.cost]
 
-    def around(i: int) -> Fit | None:
-        fit = found[rugged[i]].fit
-        return bench.refit(fit, fit.names, fit.values, limits=reach(found[rugged[i]].tested), around=True)
+    def anew(i: int) -> Fit | None:
+        c = found[rugged[i]]
+        return bench.anew(c.fit, reach(c.tested))
 
-    for k, fit in zip(rugged, in_parallel(around, [1.0] * len(rugged)), strict=True):
-        found[k] = replace(found[k], fit=fit or found[k].fit)
+    for k, fit in zip(rugged, in_parallel(anew, [1.0] * len(rugged)), strict=True):
+        if fit is not None and fit.state.cost < found[k].fit.state.cost:
+            found[k] = replace(found[k], fit=fit)
     return sorted(found, key=lambda c: c.fit.cost)
 
 
-def add(bench: Bench, fit: Fit, tested: Tested, widths: Sequence[float], share: float = 0.0) -> Fit | None:
+def add(bench: Bench, fit: Fit, tested: Tested, widths: Sequence[float]) -> Fit | None:
     """Refit with a candidate's strengths and hidden parameters, from neutral: Gauss-Newton moves all parameters
-    together; from a ``share`` of the step that the score test gives where no derivative holds."""
+    together; where no derivative holds, from a guess as well."""
     names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
-    share = 1.0 if tested.untested else share
-    values = {**fit.values, **tested.shape} | {name: share * value for name, value in tested.step.items()}
-    return bench.refit(fit, names, bench.clip(values), limits=reach(tested), widths=widths)
+    made = []
+    for share in (0.0, 1.0) if tested.untested else (0.0,):
+        values = {**fit.values, **tested.shape} | {name: share * value for name, value in tested.step.items()}
+        made.append(bench.refit(fit, names, bench.clip(values), limits=reach(tested), widths=widths))
+    return min((f for f in made if f is not None), key=lambda f: f.state.cost, default=None)
 
 
 def reach(tested: Tested) -> dict[str, tuple[float, float]]:
@@ -281,9 +288,8 @@ def _judged(
             left.append(c)
     while left:
         near = [c for c in left if c.fit.cost < left[0].fit.cost + settings.told_apart]
-        groups = {t.candidate.name: group for t, _, group in asked}
-        twins = [t for c in near[:1] for t in groups[c.tested.candidate.name]]
-        names = {c.tested.candidate.name for c in near}
+        name, names = near[0].tested.candidate.name, {c.tested.candidate.name for c in near}
+        twins = [t for head, _, group in asked if head.candidate.name == name for t in group]
         near += _twins(bench, before, near[0], [t for t in twins if t.candidate.name not in names], settings)
         judged = _surprises(bench, [c.fit for c in near])
         worst = np.inf if reference is not None else None
