@@ -15,13 +15,14 @@ from ..identify.descent import cycled, resolutions
 from ..identify.likelihood import maximum_likelihood
 from ..identify.minima import moved
 from ..identify.prior import Prior
-from ..identify.problem import Problem, in_parallel
+from ..identify.problem import Problem
 from ..identify.result import FAILED
 from ..identify.solve import KNOWN, Evaluate, Solution, levenberg_marquardt, reduced
 from ..identify.space import Space
 from ..identify.start import default_bounds
 from ..identify.trial import TrialModel
 from ..identify.units import Sizes
+from ..numerics.parallel import in_parallel
 from ..numerics.simulate import Simulation, Simulator
 from ..physics.mechanism import Mechanism
 from .declared import fit_declared

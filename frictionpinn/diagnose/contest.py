@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from scipy.stats import chi2
 
-from ..identify.parallel import WORKERS, in_parallel
+from ..numerics.parallel import WORKERS, in_parallel
 from .bench import NEAR, Bench
 from .candidates import Candidate
 from .fit import Fit

@@ -12,11 +12,11 @@ import numpy as np
 
 from ..identify.descent import coarse_to_fine, cycled, resolutions
 from ..identify.likelihood import with_bristle
-from ..identify.parallel import in_parallel
 from ..identify.prior import Prior
 from ..identify.problem import Problem
 from ..identify.solve import FAINT, Evaluate, State, levenberg_marquardt, reduced
 from ..identify.trial import Piece, TrialModel
+from ..numerics.parallel import in_parallel
 from ..numerics.simulate import ContactLost, SimulationFailed
 from .bench import NEAR, REFIT, Bench
 from .fit import Fit

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..identify.parallel import in_parallel
+from ..numerics.parallel import in_parallel
 from .bench import NEAR, Bench
 from .fit import Fit
 from .rivals import RIVAL, Contender, best_of, levelled, moved, twins

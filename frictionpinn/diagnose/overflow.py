@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..identify.linear import Rows
 from ..physics.base import Parameter
 from .bench import Bench
 from .fit import Fit
+from .linear import Rows
 
 BEYOND = 1e4  # times the range of the signals that a strength of usual size would add: no derivative of this motion
 

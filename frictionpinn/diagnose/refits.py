@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..identify.parallel import in_parallel
+from ..numerics.parallel import in_parallel
 from .bench import SHORT, Bench
 from .fit import Fit
 from .minima import (

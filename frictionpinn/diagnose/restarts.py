@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..identify.advice import invert
-from ..identify.parallel import in_parallel
 from ..identify.problem import Problem
 from ..identify.solve import KNOWN, Solution, reduced
 from ..identify.units import Sizes
+from ..numerics.parallel import in_parallel
 
 if TYPE_CHECKING:
     from .bench import Bench

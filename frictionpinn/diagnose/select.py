@@ -9,7 +9,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from ..identify.parallel import in_parallel
+from ..numerics.parallel import in_parallel
 from .bench import Bench, tried
 from .candidates import Candidate
 from .contest import Accepted, Refused, Settings, contest, indistinct

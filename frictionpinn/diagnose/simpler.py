@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..identify.parallel import in_parallel
+from ..numerics.parallel import in_parallel
 from .bench import NEAR, Bench, tried
 from .candidates import Candidate
 from .fit import Fit

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from ..identify.likelihood import windows_of
-from ..identify.parallel import in_parallel
 from ..identify.prior import Prior
+from ..numerics.parallel import in_parallel
 from .bench import SHORT, Bench, tried
 from .candidates import Candidate
 from .fit import Fit

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..numerics.whiteness import correlation_time
 from ..physics.mechanism import Mechanism
 from .result import correlation_of, sentences
 from .space import Space
@@ -57,24 +58,6 @@ def invert(information: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
     values = np.maximum(values, 1e-14)
     return (vectors / values) @ vectors.T * scale[:, None] * scale
-
-
-def correlation_time(residuals: Sequence[np.ndarray]) -> float:
-    """Number of samples over which residuals stay correlated, 1 for white noise: 1 + 2 sum of autocorrelations.
-
-    The sum ends at the first autocorrelation below two standard errors.
-    """
-    rows = [r - 0.0 for r in residuals if len(r) > 20]
-    power = sum(float(r @ r) for r in rows)
-    if not rows or power == 0:
-        return 1.0
-    count, total = sum(len(r) for r in rows), 1.0
-    for lag in range(1, min(len(r) for r in rows) // 4):
-        rho = sum(float(r[lag:] @ r[:-lag]) for r in rows) / power
-        if rho < 2 / np.sqrt(count):
-            break
-        total += 2 * rho
-    return total
 
 
 def hints_for(mechanism: Mechanism) -> dict[str, str]:

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .advice import advise, correlation_time, invert, lowest, untold, widening
+from ..numerics.whiteness import correlation_time
+from .advice import advise, invert, lowest, untold, widening
 from .minima import information_of
 from .problem import Problem
 from .profile import profiled

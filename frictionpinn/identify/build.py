@@ -14,8 +14,8 @@ from ..errors import UserError
 from ..numerics.paths import DEGREE, InputPath
 from ..numerics.simulate import Simulator
 from ..numerics.smoothing import difference_sigma
+from ..numerics.spline_basis import PathBasis, choose_basis
 from ..physics.mechanism import Mechanism
-from .inputs import PathBasis, choose_basis
 from .trial import NoisyInput, TrialModel
 
 MOST_COEFFICIENTS = 150  # of one input in one window; a signal that needs more is interpolated as measured

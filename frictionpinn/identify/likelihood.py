@@ -23,18 +23,18 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..errors import UserError
+from ..numerics.parallel import in_parallel
 from ..numerics.simulate import ContactLost, SimulationFailed
+from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.mechanism import Mechanism
 from .assemble import estimated_sigmas, failed, finish
 from .descent import FINE, coarse_to_fine, cycled, resolutions
 from .minima import neighbours, returned
-from .parallel import in_parallel
 from .problem import Problem
 from .result import Estimate
 from .solve import Evaluate, Solution, State, levenberg_marquardt
 from .start import coarse_design, ridge_grid, search
 from .trial import TrialModel
-from .whiteness import SIGNIFICANCE, whiteness
 
 MOST_WINDOWS = 80  # that the search for a start simulates
 RIVAL = 15.0  # log-likelihood: a start that is worse by more is not tried on the whole trials

@@ -9,12 +9,12 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..errors import choose
+from ..numerics.parallel import in_parallel
 from ..numerics.simulate import ContactLost, SimulationFailed, Simulator
 from ..physics.mechanism import Mechanism
 from .build import Builder, Channels, difference_sigmas, windows_of
 from .loss import LOSSES, choose_loss
 from .motion import smoothed
-from .parallel import in_parallel
 from .prior import Prior
 from .solve import Evaluate, State
 from .space import Space, check_fixed, check_names

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import qmc
 
+from ..numerics.parallel import in_parallel
 from ..physics.mechanism import Mechanism
 from ..physics.scan import DECADES
 from .motion import Motion, effective_mass, sliding_regression
-from .parallel import in_parallel
 from .solve import Evaluate, Solution, levenberg_marquardt
 from .space import Space
 from .units import Sizes, mean_load, shaped

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from ..numerics.gram import combined, gram
 from ..numerics.paths import Directions, InputPath
+from ..numerics.resolution import averaged, samples_within
 from ..numerics.simulate import Simulation, Simulator
-from .gram import combined, gram
-from .inputs import PathBasis
+from ..numerics.spline_basis import PathBasis
 from .loss import Loss
-from .resolution import averaged, samples_within
 
 RELATIVE_FLOOR = 1e-12  # of the largest diagonal entry: keeps what no signal sees from making a matrix singular
 

@@ -13,9 +13,9 @@ from frictionpinn.identify import Problem, bound, maximum_likelihood
 from frictionpinn.identify.bound import bound_of
 from frictionpinn.identify.descent import coarse_to_fine, resolutions
 from frictionpinn.identify.likelihood import with_bristle
-from frictionpinn.identify.resolution import averaged, samples_within
 from frictionpinn.identify.solve import State, levenberg_marquardt
-from frictionpinn.identify.whiteness import SIGNIFICANCE, whiteness
+from frictionpinn.numerics.resolution import averaged, samples_within
+from frictionpinn.numerics.whiteness import SIGNIFICANCE, whiteness
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 

@@ -10,16 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frictionpinn.identify import Problem
-from frictionpinn.identify.advice import correlation_time
 from frictionpinn.identify.assemble import WIDEST, _widened
-from frictionpinn.identify.gram import gram
-from frictionpinn.identify.inputs import PathBasis, choose_basis
 from frictionpinn.identify.likelihood import with_bristle
 from frictionpinn.identify.loss import choose_loss
 from frictionpinn.identify.solve import State, reduced
 from frictionpinn.identify.space import Space
 from frictionpinn.identify.start import lowest
 from frictionpinn.identify.trial import Piece
+from frictionpinn.numerics.gram import gram
+from frictionpinn.numerics.spline_basis import PathBasis, choose_basis
+from frictionpinn.numerics.whiteness import correlation_time
 
 
 def space():

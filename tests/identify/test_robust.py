@@ -9,7 +9,7 @@ from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem, maximum_likelihood
 from frictionpinn.identify.likelihood import MOST_WINDOWS, windows_of
 from frictionpinn.identify.loss import LOSSES, choose_loss
-from frictionpinn.identify.parallel import in_parallel
+from frictionpinn.numerics.parallel import in_parallel
 
 
 @pytest.mark.parametrize("seed", [0, 3])

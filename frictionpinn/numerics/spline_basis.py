@@ -1,4 +1,4 @@
-"""Noisy inputs as smooth paths: B-splines whose coefficients are estimated with the parameters."""
+"""Noisy signals as smooth paths: B-splines linear in their coefficients, with as many knots as the data ask for."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 
-from ..numerics.paths import DEGREE
-from ..numerics.smoothing import difference_sigma
 from .gram import gram
+from .paths import DEGREE
+from .smoothing import difference_sigma
 
 COARSEST, FINEST = 8, 2  # knot intervals of the coarsest spline tried; samples per interval of the finest
 GROWTH = 1.4  # of the number of intervals from one spline tried to the next
