@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -11,17 +10,11 @@ from typing import Any
 import numpy as np
 
 from ..data.recording import Recording
-from ..identify.descent import cycled, resolutions
 from ..identify.likelihood import maximum_likelihood
-from ..identify.minima import moved
-from ..identify.prior import Prior
+from ..identify.motion import Sizes
 from ..identify.problem import Problem
-from ..identify.result import FAILED
-from ..identify.solve import KNOWN, Evaluate, Solution, levenberg_marquardt, reduced
-from ..identify.space import Space
-from ..identify.start import default_bounds
+from ..identify.solve import KNOWN, Evaluate, Solution, cycled, levenberg_marquardt, moved, reduced
 from ..identify.trial import TrialModel
-from ..identify.units import Sizes
 from ..numerics.parallel import in_parallel
 from ..numerics.simulate import Simulation, Simulator
 from ..physics.mechanism import Mechanism
@@ -92,13 +85,11 @@ class Bench:
     # fits ----------------------------------------------------------------------------------------------------
     def base(self) -> Fit:
         """The declared model as fitted, on the mechanism that holds the effects at their neutral values."""
-        details = self.estimate.details
-        values = self._complete(self.problem.values(details["state"].u))
-        models = self.equipped(details["models"], self.parts.of(self.declared, values))
-        state = details["state"]
-        locals_ = tuple(
-            _longer(x, old, new) for x, old, new in zip(state.locals, details["models"], models, strict=True)
-        )
+        assert self.estimate.minimum is not None
+        state, before = self.estimate.minimum.state, self.estimate.minimum.models
+        values = self._complete(self.problem.values(state.u))
+        models = self.equipped(before, self.parts.of(self.declared, values))
+        locals_ = tuple(_longer(x, old, new) for x, old, new in zip(state.locals, before, models, strict=True))
         return Fit(self.declared, values, models, replace(state, locals=locals_), dict(self.estimate.sigmas))
 
     def equipped(self, models: Sequence[TrialModel], simulator: Simulator) -> tuple[TrialModel, ...]:
@@ -124,35 +115,20 @@ class Bench:
         limits: Mapping[str, tuple[float, float]] | None = None,
     ) -> Problem:
         """The problem with these parameters free, the others held at their values."""
-        made = copy.copy(problem)
-        made.simulator, made.mechanism = simulator, simulator.mechanism
-        made.fixed = {name: value for name, value in values.items() if name not in names}
-        bounds = {
-            name: (low, high)
-            for name, low, high in zip(problem.space.names, problem.space.low, problem.space.high, strict=True)
-        }
-        if "sigma_2" in bounds:  # viscous friction absorbs much of what is missing: it must be free to go
-            low, high = bounds["sigma_2"]
-            bounds["sigma_2"] = (low / RELAXED, high)
-        bounds |= dict(limits or {})
-        table = {par.name: par for par in made.mechanism.parameters}
-        scales = replace(problem.scales, start={name: values[name] for name in names}, sizes=self.sizes)
-        sizes = {name: self.sizes.of(table[name]) for name in names}
-        made.space = Space.build(
-            made.mechanism, names, default_bounds(made.mechanism, scales, bounds), made.fixed, sizes
+        wider: dict[str, tuple[float, float]] = {}
+        if "sigma_2" in problem.names:  # viscous friction absorbs much of what is missing: it must be free to go
+            k = problem.names.index("sigma_2")
+            wider["sigma_2"] = (problem.space.low[k] / RELAXED, problem.space.high[k])
+        return problem.varied(
+            names=names, values=values, simulator=simulator, limits=wider | dict(limits or {}), sizes=self.sizes
         )
-        made.shapes = ()
-        made.names = made.space.names
-        if len(problem.prior.target):
-            made.prior = Prior.of(made.space, problem.prior.start, made.fixed)
-        return made
 
     @cached_property
     def starts(self) -> list[dict[str, float]]:
         """Parameters of the declared model from short windows, where what is missing does not add up: best first."""
         return [
             dict(zip(self.declared, self.problem.space.to_values(s.state.u).tolist(), strict=True))
-            for s in self.estimate.details["starts"][:1]
+            for s in (self.estimate.minimum.starts[:1] if self.estimate.minimum else ())
         ]
 
     def refit(
@@ -218,14 +194,8 @@ class Bench:
         return replace(fit, values=values, state=replace(fit.state, locals=tuple(locals_)))
 
     def _evaluator(self, problem: Problem, models: Sequence[TrialModel], sigmas: Mapping[str, float]) -> Evaluate:
-        last = problem.simulator.steps_taken + LONGEST * self.usual_steps
-
-        def evaluate(u, locals_, derivatives, **options):
-            if problem.simulator.steps_taken > last:
-                return None  # a shape that makes the equations so stiff is no candidate
-            return problem.evaluate(models, u, locals_, derivatives, sigmas=sigmas, **options)
-
-        return evaluate
+        # A shape that makes the equations so stiff is no candidate.
+        return problem.evaluator(models, sigmas, steps=LONGEST * self.usual_steps)
 
     def clip(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values moved inside the physical limits of their parameters."""
@@ -253,8 +223,8 @@ class Bench:
         """The lowest minimum that restarts around the fit find."""
         problem = self.problem_of(self.problem, fit.names, fit.values, fit.models[0].simulator)
         evaluate = self._evaluator(problem, fit.models, fit.sigmas)
-        found, limits = Solution(fit.state, 0, 0, KNOWN), problem.space.limits
-        minima = cycled(evaluate, found, limits, resolutions(self.problem))
+        found, limits = Solution(fit.state, KNOWN), problem.space.limits
+        minima = cycled(evaluate, found, limits, self.problem.resolutions)
         state = minima[0].state
         return replace(fit, values=problem.values(state.u), state=state, minima=tuple(minima), searched=True)
 
@@ -262,22 +232,15 @@ class Bench:
         """A search from all starts, given or of short windows, and if ``thorough`` around the lowest that it finds."""
         simulator = self.parts.of(fit.names, fit.values)
         problem = self.problem_of(self.problem, fit.names, fit.values, simulator)
-        problem.trials = self.equipped(problem.trials, simulator)
-        problem.motions = [
-            replace(motion, model=replace(motion.model, simulator=simulator)) for motion in problem.motions
-        ]
-        start = {name: fit.values[name] for name in problem.names}
-        problem.start, problem.given = start, dict(fit.sigmas)
-        problem.sigmas = dict(fit.sigmas)
-        known = (Solution(fit.state, 0, 0, KNOWN), fit.models) if fit.state.curved else None
-        estimate = maximum_likelihood(problem, start=start, known=known, starts=starts, thorough=thorough)
-        if estimate.outcome == FAILED:
+        problem = problem.varied(trials=self.equipped(self.problem.trials, simulator), sigmas=fit.sigmas)
+        known = (Solution(fit.state, KNOWN), fit.models) if fit.state.curved else None
+        estimate = maximum_likelihood(problem, start=problem.start, known=known, starts=starts, thorough=thorough)
+        if (minimum := estimate.minimum) is None:
             return None
-        details = estimate.details
-        values = problem.values(details["state"].u)
-        found = Fit(problem.names, values, details["models"], details["state"], dict(fit.sigmas))
-        minima = details["minima"] if thorough else ()
-        return replace(found, minima=minima, searched=True, starts=details["starts"])
+        values = problem.values(minimum.state.u)
+        found = Fit(problem.names, values, minimum.models, minimum.state, dict(fit.sigmas))
+        minima = minimum.minima if thorough else ()
+        return replace(found, minima=minima, searched=True, starts=minimum.starts)
 
     def simulate(self, fit: Fit, strict: bool = False) -> list[Simulation]:
         """Every trial at the fit; ``strict`` with every candidate, where sensitivities to any are to be added."""

@@ -8,11 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ..identify.advice import invert
 from ..identify.loss import Loss
-from ..identify.minima import information_of
 from ..identify.solve import Solution, State, reduced
 from ..identify.trial import TrialModel
+from ..identify.uncertainty import information_of, invert
 
 SPANS = 5, 20, 60  # samples over which autocorrelations are summed: what a model lacks is slower than that
 CORRELATED = 4.5  # standard deviations of such a sum, from which the residual is more than white noise

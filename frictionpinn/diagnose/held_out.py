@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import wraps
@@ -10,11 +9,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..identify.descent import coarse_to_fine, cycled, resolutions
-from ..identify.likelihood import with_bristle
-from ..identify.prior import Prior
 from ..identify.problem import Problem
-from ..identify.solve import FAINT, Evaluate, State, levenberg_marquardt, reduced
+from ..identify.solve import FAINT, Evaluate, State, coarse_to_fine, cycled, levenberg_marquardt, reduced
 from ..identify.trial import Piece, TrialModel
 from ..numerics.parallel import in_parallel
 from ..numerics.simulate import ContactLost, SimulationFailed
@@ -44,7 +40,7 @@ def check(bench: Bench, fit: Fit) -> Fit | None:
     if found is None:
         return None
     problem, models, first, evaluate = found
-    solution = coarse_to_fine(evaluate, first, (first.u, first.u), resolutions(problem))
+    solution = coarse_to_fine(evaluate, first, (first.u, first.u), problem.resolutions)
     if solution is None:
         return None
     return Fit(fit.names, fit.values, models, solution.state, fit.sigmas)
@@ -58,11 +54,11 @@ def checking(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], S
     if bench.checked is None:
         return None
     simulator = fit.models[0].simulator
-    problem = bench.problem_of(bench.checked, fit.names, fit.values, simulator)
-    problem.prior = Prior.none()  # counted once, with the fitted trials
     models = bench.equipped(bench.checked.trials, simulator)
+    problem = bench.problem_of(bench.checked, fit.names, fit.values, simulator)
+    problem = problem.varied(trials=models, prior=False)  # the prior is counted once, with the fitted trials
     u = problem.space.to_search(np.array([fit.values[name] for name in problem.names]))
-    bristle = _with_bristle(problem, models, u)
+    bristle = _with_bristle(problem, u)
 
     def evaluate(u, locals_, derivatives, **options):
         return problem.evaluate(bristle, u, locals_, derivatives, sigmas=fit.sigmas, **options)
@@ -145,7 +141,7 @@ def surprise(bench: Bench, fit: Fit) -> float | None:
 
     solution = levenberg_marquardt(evaluate, _known(first, S, at), problem.space.limits, **REFIT)
     # A slip a little early or late makes minima.
-    state = cycled(evaluate, solution, problem.space.limits, resolutions(problem))[0].state
+    state = cycled(evaluate, solution, problem.space.limits, problem.resolutions)[0].state
     if not state.curved:
         return None
     change = np.linalg.slogdet(reduced(state)[0])[1] - np.linalg.slogdet(S)[1]
@@ -159,12 +155,10 @@ def _known(state: State, S: np.ndarray, at: np.ndarray) -> State:
     return State(state.u, (*state.locals, np.zeros(0)), (*state.pieces, piece))
 
 
-def _with_bristle(problem: Problem, models: Sequence[TrialModel], u: np.ndarray) -> tuple[TrialModel, ...]:
+def _with_bristle(problem: Problem, u: np.ndarray) -> tuple[TrialModel, ...]:
     if not problem.mechanism.law.memory:
-        return tuple(models)
-    other = copy.copy(problem)
-    other.trials = tuple(models)
+        return problem.trials
     try:
-        return with_bristle(other, u)
+        return problem.models_at(u)
     except (ContactLost, SimulationFailed):
-        return tuple(models)
+        return problem.trials

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..identify.advice import invert
+from ..identify.motion import Sizes
 from ..identify.problem import Problem
 from ..identify.solve import KNOWN, Solution, reduced
-from ..identify.units import Sizes
+from ..identify.uncertainty import invert
 from ..numerics.parallel import in_parallel
 
 if TYPE_CHECKING:
@@ -120,5 +120,5 @@ def blunted(bench: Bench, fit: Fit, bent: Callable[[Fit, Fit], bool]) -> Fit:
         best = blunter if bent(blunter, best) else best
     if best is fit:
         return fit
-    both = tuple(Solution(f.state, 0, 0, KNOWN) for f in (best, fit))
+    both = tuple(Solution(f.state, KNOWN) for f in (best, fit))
     return replace(best, minima=(*both, *fit.minima[1:]), searched=True)

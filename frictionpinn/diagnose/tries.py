@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ..identify.likelihood import with_bristle
 from ..numerics.simulate import ContactLost, SimulationFailed
 from .bench import Bench, tried
 from .fit import Fit
@@ -137,10 +136,10 @@ def from_windows(bench: Bench, fit: Fit, tested: Tested, near: float | None = No
 def _begun(bench: Bench, fit: Fit, names: Sequence[str], values: Mapping[str, float]) -> Fit | None:
     """A fit's place in the whole trials as they were measured."""
     simulator = bench.parts.of(names, values)
-    problem = bench.problem_of(bench.problem, names, values, simulator)
-    problem.trials = bench.equipped(problem.trials, simulator)
+    trials = bench.equipped(bench.problem.trials, simulator)
+    problem = bench.problem_of(bench.problem, names, values, simulator).varied(trials=trials)
     try:
-        models = with_bristle(problem, problem.space.to_search(np.array([values[name] for name in problem.names])))
+        models = problem.models_at(problem.space.to_search(np.array([values[name] for name in problem.names])))
     except (ContactLost, SimulationFailed):
         return None
     state = replace(fit.state, locals=tuple(model.local for model in models))

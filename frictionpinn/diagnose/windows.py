@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..identify.likelihood import windows_of
-from ..identify.prior import Prior
+from ..identify.start import windows_of
 from ..numerics.parallel import in_parallel
 from .bench import SHORT, Bench, tried
 from .candidates import Candidate
@@ -64,9 +63,7 @@ class Short:
     def of(cls, bench: Bench, fit: Fit) -> Short | None:
         """The model of ``fit`` over windows, at the noise that it leaves there; None where it cannot be simulated."""
         own = copy.copy(bench)
-        own.problem = copy.copy(bench.problem)
-        own.problem.joint = False
-        own.problem.prior = Prior.none()  # each window begins where it was measured
+        own.problem = bench.problem.varied(joint=False, prior=False)  # each window begins where it was measured
         models = bench.equipped(windows_of(bench.problem), bench.parts.of(fit.names, fit.values))
         state = replace(fit.state, locals=tuple(model.local for model in models))
         there = replace(fit, models=models, state=state, sigmas=dict(bench.problem.sigmas))

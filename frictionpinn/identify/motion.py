@@ -1,25 +1,31 @@
-"""What the smoothed signals say before any simulation: slip, forces, the sliding regression, natural windows."""
+"""What the smoothed signals say before any simulation: slip, friction in sliding, where the parameters start."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import sympy as sp
+from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
-from ..numerics.paths import InputPath
 from ..numerics.smoothing import Coordinate, Smoothed, SmoothingSpline
+from ..physics.base import Parameter
 from ..physics.mechanism import Mechanism
+from ..physics.scan import DECADES, Scan, data_scales
 from .trial import TrialModel
 
 SLIDING = 0.15  # of the largest slip velocity: faster samples count as sliding
 CLEAR = 4.0  # and of the velocity's noise, in standard deviations
 SPACINGS = (3, 6, 12, 24, 48)  # samples per knot tried for the free coordinates, which friction makes jump
 SHORTEST = 24  # samples in a window between two peaks of the slip velocity
+FACTOR = re.compile(r"([*/]?)(\{?[A-Za-z]+\}?|1)(?:\^(\d+))?")  # of a unit
+NUDGE = 0.3  # of its size: where a strength starts whose effect has a shape to find as well
+WEAKEST = 0.01  # of the larger of dry and viscous friction: where the smaller one starts at least
 
 
 @dataclass(frozen=True)
@@ -45,161 +51,55 @@ class Motion:
         peaks, _ = find_peaks(np.where(self.fast, speed, 0.0), distance=SHORTEST)
         return [0, *(int(k) for k in peaks if SHORTEST <= k <= last - SHORTEST), last]
 
-    def windows(self, mu_c: float | None = None) -> list[TrialModel]:
-        """The trial cut at these peaks, inputs known, starting in steady sliding or at rest.
-
-        With ``mu_c`` a bristle that starts in sliding carries that friction force. It forgets it within the first
-        sample, which is left to the window before, and derivatives of a steady start are not needed.
-        """
-        model, path = self.model, self.model.path(self.model.local)
-        free = model.simulator.mechanism.free
-        result = []
-        edges, normal = self.edges, self._normal() if mu_c else np.zeros(0)
-        for k, (i, j) in enumerate(pairwise(edges)):
-            start, moving = {}, bool(self.fast[i])
-            for c in free:
-                start[c.signals[0]] = float(self.signals[c.signals[0]][i])
-                start[c.signals[1]] = float(self.signals[c.signals[1]][i]) if moving else 0.0
-            if not k and not moving:  # a trial may begin while it slides slowly
-                start |= {c.signals[1]: model.start[c.signals[1]] for c in free}
-                moving = any(start[c.signals[1]] != 0 for c in free)
-            states = tuple(start) if moving else tuple(c.signals[0] for c in free)
-            part = slice(i, j + 1)
-            y = model.y[:, part].copy()
-            if self.fast[i] and mu_c and "sigma_0" in model.simulator.parameter_names:
-                start["z"] = mu_c * float(normal[i] * np.sign(self.v_slip[i]))
-                y[:, 0] = np.nan
-            base = InputPath(path.names, model.t[part], path.coefficients[i:j], path.session)
-            result.append(
-                replace(
-                    model, trial=f"{model.trial}[{k}]", t=model.t[part], y=y, base=base, inputs=(), states=states,
-                    start=start, directions=None,
-                )
-            )  # fmt: skip
-        return result
-
-    def _normal(self) -> np.ndarray:
+    @property
+    def normal(self) -> np.ndarray:
+        """Normal force, shape (n,), as far as the motion tells it."""
         mechanism = self.model.simulator.mechanism
-        normal = _function(mechanism, mechanism.system.N)(self.signals, _defaults(mechanism))
-        return np.broadcast_to(normal, self.v_slip.shape)
+        return _function(mechanism, mechanism.system.N)(self.signals, _typical(mechanism))
+
+    @property
+    def position(self) -> np.ndarray:
+        """Slip position, shape (n,); the integral of the slip velocity where no expression gives it."""
+        mechanism = self.model.simulator.mechanism
+        if mechanism.system.slip_position is None:
+            return cumulative_trapezoid(self.v_slip, self.model.t, initial=0.0)
+        return _function(mechanism, mechanism.system.slip_position)(self.signals, _typical(mechanism))
 
 
 def smoothed(mechanism: Mechanism, models: Sequence[TrialModel], sigmas: Mapping[str, float]) -> list[Motion]:
-    """Smooth the free coordinates by splines (knots by Bayesian information criterion), the inputs as fitted."""
-    signals = [dict(model.path(model.local).signals) for model in models]
-    for own, model in zip(signals, models, strict=True):  # the force of an imposed motion is measured, not an input
-        forces = model.outputs if mechanism.system.massless else ()
-        own.update({name: np.nan_to_num(model.y[list(model.outputs).index(name)]) for name in forces})
-    for c in mechanism.free:
-        known = [sigmas.get(name) for name in c.signals]
-        data = [(m.t, _row(m, c.signals[0]), _row(m, c.signals[1]), _row(m, c.signals[2])) for m in models]
-        for own, smooth in zip(signals, _smoothed(data, known), strict=True):
-            own.update(zip(c.signals, smooth[:3], strict=True))
-    v_slip = _function(mechanism, mechanism.system.v_slip)
-    defaults = _defaults(mechanism)
-    slips = [v_slip(own, defaults) for own in signals]
-    largest = max(float(np.quantile(np.abs(v), 0.99)) for v in slips)
-    noise = max([sigmas.get(c.signals[1], 0.0) for c in mechanism.free if c.signals[1] in sigmas], default=0.0)
-    threshold = max(SLIDING * largest, min(CLEAR * noise, 0.5 * largest))
-    return [
-        Motion(m, own, v, np.abs(v) > threshold) for m, own, v in zip(models, signals, slips, strict=True)
-    ]  # fmt: skip
-
-
-def sliding_regression(
-    mechanism: Mechanism, motions: Sequence[Motion], values: Mapping[str, float], free: Sequence[str]
-) -> dict[str, float]:
-    """Least squares on the sliding samples: (E + J (mu_c F_N sign(v) + sigma_2 v + forces of effects)) / inertia = 0.
+    """Smooth the free coordinates by splines (knots by Bayesian information criterion), the inputs as fitted.
 
     Args:
-        values: parameters of the system that are known, and start values of those that are not.
-        free: parameters to find among mu_c, sigma_2, those of the system and strengths whose force is known there.
-
-    Returns:
-        name -> value of those.
+        mechanism: the model.
+        models: of the trials.
+        sigmas: signal -> noise standard deviation, SI units.
     """
-    system = mechanism.system
-    extra = _forces_of_effects(mechanism, free)
-    names = [n for n in free if n in ("mu_c", "sigma_2") or n in {par.name for par in system.parameters}]
-    if not names or not any(motion.fast.any() for motion in motions):
-        return {}
-    rows = mechanism.free or tuple(c for c in system.moving if c.name not in system.driven)
-    used = [c for c in rows if system.jacobian[c.name] != 0]
-    mu, viscous = sp.Symbol("mu_c", real=True), sp.Symbol("sigma_2", real=True)
-    force = mu * system.N * sp.sign(system.v_slip) + viscous * system.v_slip
-    force += sum((sp.Symbol(name, real=True) * slope for name, slope in extra.items()), start=sp.Integer(0))
-    balances = {c: system.residual(c) + system.jacobian[c.name] * force for c in used}
-    inertia = {c: sp.diff(row, c.symbols[2]) for c, row in balances.items()}  # else no masses would balance best
-    functions = [_function(mechanism, row / (inertia[c] if inertia[c] != 0 else 1)) for c, row in balances.items()]
-    stacked = {key: np.concatenate([m.signals[key][m.fast] for m in motions]) for key in motions[0].signals}
-    nothing = {"mu_c": 0.0, "sigma_2": 0.0} | dict.fromkeys(extra, 0.0)
-    scale = max(float(np.std(functions[0](stacked, {**values, **nothing}))), 1e-12)
-    known = {"mu_c": 0.0, "sigma_2": 0.0} | dict(values) | dict.fromkeys(extra, 0.0)
-    guess = {name: _guess(name, stacked, functions[0], known) for name in names}
-    unit = {name: scale / (_rms(functions[0], stacked, known, name) or 1.0) for name in extra}
-
-    def residual(logs: np.ndarray) -> np.ndarray:
-        p = known | dict(zip(names, np.exp(logs[: len(names)]), strict=True))
-        p |= {name: unit[name] * x for name, x in zip(extra, logs[len(names) :], strict=True)}
-        return np.concatenate([f(stacked, p) for f in functions]) / scale
-
-    start = np.append(np.log([max(guess[name], 1e-9) for name in names]), np.zeros(len(extra)))
-    found = least_squares(residual, start, loss="soft_l1", f_scale=0.3, max_nfev=60, bounds=(start - 12, start + 8))
-    return dict(zip(names, np.exp(found.x[: len(names)]).tolist(), strict=True)) | {
-        name: unit[name] * x for name, x in zip(extra, found.x[len(names) :].tolist(), strict=True)
-    }
-
-
-def effective_mass(mechanism: Mechanism, motions: Sequence[Motion], values: Mapping[str, float]) -> float | None:
-    """Mass that the contact feels, (dE/da) / J^2, averaged over the trials; None where no inertia takes part."""
+    signals = [dict(model.path(model.local).signals) for model in models]
+    measured = [dict(zip(model.outputs, model.y, strict=True)) for model in models]
+    if mechanism.system.massless:  # the force of an imposed motion is measured, not an input
+        for own, rows in zip(signals, measured, strict=True):
+            own.update({name: np.nan_to_num(y) for name, y in rows.items()})
     for c in mechanism.free:
-        jacobian = mechanism.system.jacobian[c.name]
-        if jacobian != 0:
-            f = _function(mechanism, sp.diff(mechanism.system.residual(c), c.symbols[2]) / jacobian**2)
-            return float(np.mean([np.mean(f(m.signals, values)) for m in motions]))
-    return None
+        data: list[Coordinate] = [
+            (model.t, rows.get(c.signals[0]), rows.get(c.signals[1]), rows.get(c.signals[2]))
+            for model, rows in zip(models, measured, strict=True)
+        ]
+        for own, smooth in zip(signals, _splines(data, [sigmas.get(name) for name in c.signals]), strict=True):
+            own.update(zip(c.signals, smooth[:3], strict=True))
+    v_slip, typical = _function(mechanism, mechanism.system.v_slip), _typical(mechanism)
+    slips = [v_slip(own, typical) for own in signals]
+    largest = max(float(np.quantile(np.abs(v), 0.99)) for v in slips)
+    noise = max([sigmas[c.signals[1]] for c in mechanism.free if c.signals[1] in sigmas], default=0.0)
+    threshold = max(SLIDING * largest, min(CLEAR * noise, 0.5 * largest))
+    return [Motion(m, own, v, np.abs(v) > threshold) for m, own, v in zip(models, signals, slips, strict=True)]
 
 
-def _forces_of_effects(mechanism: Mechanism, free: Sequence[str]) -> dict[str, sp.Expr]:
-    """Free strengths of effects -> the force of one unit in terms of the motion alone (no memory, no shape to find)."""
-    neutral = {par.symbol: par.neutral for par in mechanism.parameters if par.neutral is not None}
-    unknown = {par.symbol for par in mechanism.parameters if par.name in free}
-    allowed = {s for c in mechanism.system.moving for s in c.symbols} | {par.symbol for par in mechanism.parameters}
-    result = {}
-    for par in mechanism.parameters:
-        if par.neutral is not None and par.name in free:
-            slope = sp.diff(mechanism.friction, par.symbol).xreplace(neutral)
-            if slope != 0 and slope.free_symbols <= allowed - unknown:
-                result[par.name] = slope
-    return result
-
-
-def _rms(function, stacked: dict[str, np.ndarray], known: Mapping[str, float], name: str) -> float:
-    """Root mean square of what a unit of a parameter changes."""
-    return float(np.sqrt(np.mean((function(stacked, {**known, name: 1.0}) - function(stacked, known)) ** 2)))
-
-
-def _guess(name: str, stacked: dict[str, np.ndarray], function, known: Mapping[str, float]) -> float:
-    if name not in ("mu_c", "sigma_2"):
-        return float(known.get(name, 1.0))
-    base = function(stacked, {**known, "mu_c": 0.0, "sigma_2": 0.0})
-    slope = function(stacked, {**known, "mu_c": 0.0, "sigma_2": 0.0, name: 1.0}) - base
-    value = -float(slope @ base) / max(float(slope @ slope), 1e-300)
-    return abs(value) * (1.0 if name == "mu_c" else 0.1)
-
-
-def _row(model: TrialModel, name: str) -> np.ndarray | None:
-    names = list(model.outputs)
-    return model.y[names.index(name)] if name in names else None
-
-
-def _smoothed(data: Sequence[Coordinate], sigmas: Sequence[float | None]) -> list[Smoothed]:
+def _splines(data: Sequence[Coordinate], sigmas: Sequence[float | None]) -> list[Smoothed]:
     """Every trial through the spline of least Bayesian information criterion over all of them."""
-    best: list[Smoothed] | None = None
+    best: list[Smoothed] = []
     least = np.inf
-    for spacing in SPACINGS:
-        if spacing > min(len(trial[0]) for trial in data) // 3:
-            continue
+    spacings = [spacing for spacing in SPACINGS if spacing <= min(len(trial[0]) for trial in data) // 3]
+    for spacing in spacings or [2]:
         smoother = SmoothingSpline(spacing=spacing).fit(data, sigmas)
         fits = [smoother(*trial) for trial in data]
         value, samples = 0.0, 0
@@ -210,17 +110,218 @@ def _smoothed(data: Sequence[Coordinate], sigmas: Sequence[float | None]) -> lis
                 value += np.sum(~np.isnan(joined)) * np.log(np.nanmean(joined) + 1e-300)
                 samples += len(joined)
         value += sum(len(trial[0]) // spacing + 5 for trial in data) * np.log(samples)
-        if value < least:
+        if not best or value < least:
             best, least = fits, value
-    if best is None:
-        smoother = SmoothingSpline(spacing=2).fit(data, sigmas)
-        best = [smoother(*trial) for trial in data]
     return best
 
 
-def _defaults(mechanism: Mechanism) -> dict[str, float]:
+class Sizes:
+    """Orders of magnitude of force, slip, speed and time in a recording, and of parameters that follow from them.
+
+    Args:
+        mechanism: the model.
+        motions: smoothed trials.
+        force: dry friction force, in the system's unit of force.
+    """
+
+    def __init__(self, mechanism: Mechanism, motions: Sequence[Motion], force: float):
+        speed = [motion.v_slip for motion in motions]
+        self.scales = data_scales(
+            [motion.model.t for motion in motions], [motion.position for motion in motions], speed,
+            [np.ones(1) * mean_load(motions)],
+        )  # fmt: skip
+        stroke = self.scales["stroke"][1] or 1.0
+        velocity = float(np.sqrt(np.mean(np.concatenate(speed) ** 2))) or 1.0
+        time, turns = stroke / velocity, mechanism.system.slip_unit == "rad"
+        length = 1.0 if turns else stroke  # a rotating system's lengths are levers
+        self.base = {
+            "1": 1.0, "s": time, "Hz": 1 / time, "m": length, "rad": stroke if turns else 1.0, "N": force,
+            "{F}": force, "{L}": stroke, "kg": force * time**2 / (length if not turns else stroke),
+        }  # fmt: skip
+
+    def of(self, par: Parameter) -> float:
+        """Size of a parameter, SI unit: of the values that its effect would scan, else of its unit."""
+        if par.scan is not None:
+            low, high = self.ends(par.scan)
+            size = (high - low) / 4 if par.scan.spacing == "linear" else float(np.sqrt(low * high))
+        else:
+            size = 1.0
+            for sign, name, power in FACTOR.findall(par.unit):
+                size *= self.base[name] ** (int(power or 1) * (-1 if sign == "/" else 1))
+        return min(size, par.high) if par.high > 0 else size
+
+    def ends(self, scan: Scan) -> tuple[float, float]:
+        """Least and largest value of a scan, SI units."""
+        values = scan.values(self.scales)
+        return float(values[0]), float(values[-1])
+
+
+def mean_load(motions: Sequence[Motion]) -> float:
+    """Mean normal force, in the system's unit of force."""
+    return max(float(np.mean([np.mean(np.abs(motion.normal)) for motion in motions])), 1e-12)
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Where the parameters start.
+
+    Attributes:
+        start: name -> start value of the free parameters, SI units.
+        mass: that the contact feels; None where no inertia takes part.
+        sizes: how large parameters are on this data.
+        alone: name -> what mu_c or sigma_2 would be if it made all the friction.
+    """
+
+    start: dict[str, float]
+    mass: float | None
+    sizes: Sizes
+    alone: dict[str, float]
+
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, motions: Sequence[Motion], fixed: Mapping[str, float], names: Sequence[str]
+    ) -> Scales:
+        """Start values of the free parameters ``names``: regression where that tells, orders of magnitude elsewhere.
+
+        An effect's hidden parameters start in the middle of their scan, its strengths at their neutral value, or
+        beside that if a hidden one is free: it would not show.
+        """
+        known = _typical(mechanism) | dict(fixed)
+        found = _sliding_regression(mechanism, motions, known, names)
+        known |= found
+        mass = _effective_mass(mechanism, motions, known)
+        velocity = float(np.sqrt(np.mean(np.concatenate([motion.v_slip for motion in motions]) ** 2))) or 1.0
+        rates = np.concatenate([np.gradient(motion.v_slip, motion.model.t) for motion in motions])
+        acceleration = float(np.sqrt(np.mean(rates**2))) or 1.0
+        load = mean_load(motions)
+        shares = {name: unit for name, unit in (("mu_c", load), ("sigma_2", velocity)) if name in found}
+        largest = max((found[name] * unit for name, unit in shares.items()), default=0.0)
+        alone = {name: largest / unit for name, unit in shares.items()}
+        found |= {name: max(found[name], WEAKEST * value) for name, value in alone.items()}
+        mu_c = found.get("mu_c", known.get("mu_c", 1.0))
+        force = mu_c * load
+        stiffness = fixed.get("sigma_0", force / (1e-2 * velocity**2 / acceleration))
+        damping = np.sqrt(stiffness * mass) if mass else 1e-2 * stiffness * velocity / acceleration
+        rough = {
+            "mu_c": mu_c, "mu_s": 1.5 * mu_c, "v_s": 0.02 * velocity, "sigma_0": stiffness, "sigma_1": damping,
+            "sigma_2": 0.1 * force / velocity,
+        }  # fmt: skip
+        sizes = Sizes(mechanism, motions, max(force, largest))
+        declared = {par.name for par in (*mechanism.system.parameters, *mechanism.law.parameters)}
+        for effect in mechanism.effects:
+            own = effect.parameters_on(mechanism.system, mechanism.law)
+            shaped = any(par.hidden and par.name in names for par in own)
+            for par in own:
+                if par.name in declared or par.name not in names:
+                    continue
+                if par.scan is not None and par.hidden:
+                    low, high = sizes.ends(par.scan)
+                    rough[par.name] = (low + high) / 2 if par.scan.spacing == "linear" else float(np.sqrt(low * high))
+                elif par.neutral is None:
+                    rough[par.name] = float(par.value or 1.0)
+                else:
+                    rough[par.name] = par.neutral + (NUDGE * sizes.of(par) if shaped and not par.hidden else 0.0)
+        return cls({name: float(found.get(name, rough.get(name, known[name]))) for name in names}, mass, sizes, alone)
+
+
+def default_bounds(
+    mechanism: Mechanism, scales: Scales, given: Mapping[str, Sequence[float] | None]
+) -> dict[str, Sequence[float] | None]:
+    """Bounds around the start where none are given: a decade for friction coefficients and masses, else two.
+
+    Strengths of effects keep their physical limits; what is scanned keeps to its scan.
+    """
+    wide, table = ("sigma_0", "sigma_1", "sigma_2", "v_s"), {par.name: par for par in mechanism.parameters}
+    result = dict(given)
+    for name, value in scales.start.items():
+        par = table[name]
+        if given.get(name) is not None:
+            continue
+        if par.hidden and par.scan is not None:
+            result[name] = scales.sizes.ends(par.scan)
+        elif par.low >= 0 and par.neutral is None:
+            factor, least = 10**DECADES if name in wide else 10.0, max(par.low, 1e-12)
+            low = min(max(abs(value) / (100.0 if name == "mu_c" else factor), least), 0.5 * par.high)
+            high = max(abs(value) * factor, 10 * low, 10 * scales.alone.get(name, 0.0))
+            result[name] = (low, min(high, par.high))
+    return result
+
+
+def _sliding_regression(
+    mechanism: Mechanism, motions: Sequence[Motion], values: Mapping[str, float], free: Sequence[str]
+) -> dict[str, float]:
+    """Least squares on the sliding samples: (E + J (mu_c F_N sign(v) + sigma_2 v + forces of effects)) / inertia = 0.
+
+    Returns mu_c, sigma_2, parameters of the system and strengths of effects, as far as they are free; the strengths
+    whose force follows from the motion alone. ``values`` are all parameters, start values of the free ones.
+    """
+    system = mechanism.system
+    names = [n for n in free if n in ("mu_c", "sigma_2") or n in {par.name for par in system.parameters}]
+    if not names or not any(motion.fast.any() for motion in motions):
+        return {}
+    neutral = {par.symbol: par.neutral for par in mechanism.parameters if par.neutral is not None}
+    told = {s for c in system.moving for s in c.symbols}
+    told |= {par.symbol for par in mechanism.parameters if par.name not in free}
+    extra: dict[str, sp.Expr] = {}  # strength -> force of one unit
+    for par in mechanism.parameters:
+        if par.neutral is not None and par.name in free:
+            slope = sp.diff(mechanism.friction, par.symbol).xreplace(neutral)
+            if slope != 0 and slope.free_symbols <= told:
+                extra[par.name] = slope
+    mu, viscous = sp.Symbol("mu_c", real=True), sp.Symbol("sigma_2", real=True)
+    force = mu * system.N * sp.sign(system.v_slip) + viscous * system.v_slip
+    force += sum((sp.Symbol(name, real=True) * slope for name, slope in extra.items()), start=sp.Integer(0))
+    functions = []
+    for c in mechanism.free or tuple(c for c in system.moving if c.name not in system.driven):
+        if system.jacobian[c.name] != 0:
+            balance = system.residual(c) + system.jacobian[c.name] * force
+            inertia = sp.diff(balance, c.symbols[2])  # else no masses would balance best
+            functions.append(_function(mechanism, balance / (inertia if inertia != 0 else 1)))
+    stacked = {key: np.concatenate([m.signals[key][m.fast] for m in motions]) for key in motions[0].signals}
+    known = {"mu_c": 0.0, "sigma_2": 0.0} | dict(values) | dict.fromkeys(extra, 0.0)
+    base = functions[0](stacked, known | {"mu_c": 0.0, "sigma_2": 0.0})
+    scale = max(float(np.std(base)), 1e-12)
+    guess = {name: float(known.get(name, 1.0)) for name in names}
+    for name, share in (("mu_c", 1.0), ("sigma_2", 0.1)):
+        if name in names:
+            slope = functions[0](stacked, known | {"mu_c": 0.0, "sigma_2": 0.0, name: 1.0}) - base
+            guess[name] = share * abs(float(slope @ base) / max(float(slope @ slope), 1e-300))
+    whole = functions[0](stacked, known)
+    changes = {name: functions[0](stacked, known | {name: 1.0}) - whole for name in extra}
+    unit = {name: scale / (float(np.sqrt(np.mean(change**2))) or 1.0) for name, change in changes.items()}
+
+    def parameters(x: np.ndarray) -> dict[str, float]:
+        found = dict(zip(names, np.exp(x[: len(names)]).tolist(), strict=True))
+        return found | {name: unit[name] * value for name, value in zip(extra, x[len(names) :].tolist(), strict=True)}
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        p = known | parameters(x)
+        return np.concatenate([function(stacked, p) for function in functions]) / scale
+
+    start = np.append(np.log([max(guess[name], 1e-9) for name in names]), np.zeros(len(extra)))
+    bounds = start - 12, start + 8
+    return parameters(least_squares(residual, start, loss="soft_l1", f_scale=0.3, max_nfev=60, bounds=bounds).x)
+
+
+def _effective_mass(mechanism: Mechanism, motions: Sequence[Motion], values: Mapping[str, float]) -> float | None:
+    """Mass that the contact feels, (dE/da) / J^2, averaged over the trials; None where no inertia takes part."""
+    for c in mechanism.free:
+        jacobian = mechanism.system.jacobian[c.name]
+        if jacobian != 0:
+            f = _function(mechanism, sp.diff(mechanism.system.residual(c), c.symbols[2]) / jacobian**2)
+            return float(np.mean([np.mean(f(m.signals, values)) for m in motions]))
+    return None
+
+
+def _typical(mechanism: Mechanism) -> dict[str, float]:
+    """Values of all parameters, 1 where one has none."""
     values = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values
-    return {name: 1.0 if value is None else value for name, value in values.items()}
+    return {name: 1.0 if value is None else float(value) for name, value in values.items()}
+
+
+@lru_cache(maxsize=256)  # asked for of every trial
+def _compiled(arguments: tuple[sp.Symbol, ...], expr: sp.Expr):
+    return sp.lambdify(arguments, expr, modules="numpy", cse=True)
 
 
 def _function(mechanism: Mechanism, expr: sp.Expr):
@@ -229,7 +330,7 @@ def _function(mechanism: Mechanism, expr: sp.Expr):
     symbols |= {item.symbol: item.name for item in mechanism.system.inputs}
     wanted = [s for s in symbols if s in expr.free_symbols]
     parameters = sorted((s for s in expr.free_symbols if s not in symbols), key=str)
-    compiled = sp.lambdify([*wanted, *parameters], expr, modules="numpy", cse=True)
+    compiled = _compiled((*wanted, *parameters), expr)
 
     def function(signals: Mapping[str, np.ndarray], p: Mapping[str, float]) -> np.ndarray:
         n = len(next(iter(signals.values())))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from ..numerics.spline_basis import PathBasis
 from .loss import Loss
 
 RELATIVE_FLOOR = 1e-12  # of the largest diagonal entry: keeps what no signal sees from making a matrix singular
+REACH = 2.0  # times the largest friction force: how far from zero the initial bristle force may be
 
 
 @dataclass(frozen=True)
@@ -41,8 +43,13 @@ class NoisyInput:
 class Piece:
     """Contribution of one trial to the cost: value, gradient and Gauss-Newton matrix, split into global and local.
 
-    ``residuals`` holds model minus measurement by signal, in SI units; ``run`` the simulation, where it was asked to be
-    ``strict``: derivatives can be added to it.
+    Attributes:
+        cost: half the sum of squares (or of the robust cost).
+        residuals: signal -> model minus measurement, shape (n,), SI units.
+        gg, gl, ll: blocks of the Gauss-Newton matrix; empty without derivatives.
+        grad_g, grad_l: gradient; empty without derivatives.
+        run: the simulation, where it was asked to be ``strict``: derivatives can be added to it.
+        steps: that the integrator took for it.
     """
 
     cost: float
@@ -53,6 +60,7 @@ class Piece:
     grad_g: np.ndarray = field(default_factory=lambda: np.zeros(0))
     grad_l: np.ndarray = field(default_factory=lambda: np.zeros(0))
     run: Simulation | None = field(default=None, repr=False)
+    steps: int = 0
 
 
 @dataclass(frozen=True)
@@ -87,7 +95,7 @@ class TrialModel:
     force_scale: float = 1.0
     directions: Directions | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.directions is not None or not self.inputs:
             return
         directions: dict[str, InputPath] = {}
@@ -113,20 +121,21 @@ class TrialModel:
         states = [self.start[name] for name in self.states]
         return np.concatenate([states, *(item.coefficients for item in self.inputs)])
 
+    def coefficients(self, local: np.ndarray) -> list[np.ndarray]:
+        """Coefficients of every noisy input: those among the local unknowns, or as fitted to the inputs alone."""
+        ends = np.cumsum([len(self.states), *(item.basis.size for item in self.inputs)])
+        if len(local) == len(self.states):
+            return [item.coefficients for item in self.inputs]
+        return [local[first:end] for first, end in pairwise(ends)]
+
     def path(self, local: np.ndarray) -> InputPath:
         """Input path at the local unknowns."""
         if not self.inputs:
             return self.base
-        coefficients, first = self.base.coefficients.copy(), len(self.states)
-        for item, values in self._split(local, first):
+        coefficients = self.base.coefficients.copy()
+        for item, values in zip(self.inputs, self.coefficients(local), strict=True):
             coefficients[:, list(item.columns)] = combined(values, item.basis.pieces)
         return self.base.through(coefficients)
-
-    def _split(self, local: np.ndarray, first: int):
-        for item in self.inputs:
-            given = len(local) > len(self.states)
-            yield item, local[first : first + item.basis.size] if given else item.coefficients
-            first += item.basis.size
 
     def initial(self, p: Mapping[str, float], local: np.ndarray) -> dict[str, float]:
         """Initial state by name, SI units."""
@@ -136,6 +145,22 @@ class TrialModel:
             y0["z"] /= p["sigma_0"]
         return y0
 
+    def in_equilibrium(self, p: Mapping[str, float]) -> TrialModel:
+        """The model whose initial bristle force, if it is unknown, starts in equilibrium at the parameters p, SI units.
+
+        Raises:
+            ContactLost, SimulationFailed: the model cannot be simulated there.
+        """
+        if "z" not in self.states:
+            return self
+        start = {name: value for name, value in self.start.items() if name != "z"}
+        steady = replace(self, states=(), start=start, inputs=(), base=self.path(self.local), directions=None)
+        run = steady.simulate(p, np.zeros(0))
+        z, largest = float(run.z[0]), float(np.abs(run.z).max())
+        if "sigma_0" in p:
+            z, largest = z * p["sigma_0"], float(np.abs(run.F).max())
+        return replace(self, start=self.start | {"z": z}, force_scale=REACH * largest or 1.0)
+
     def simulate(
         self,
         p: Mapping[str, float],
@@ -143,29 +168,36 @@ class TrialModel:
         names: Sequence[str] = (),
         joint: bool = False,
         ran: Simulation | None = None,
-        **options,
+        **options: Any,
     ) -> Simulation:
         """Simulate at the parameters and local unknowns, with sensitivities of what is measured if ``names`` are given.
 
-        ``ran`` is a strict simulation there, to which they are added.
+        ``ran`` is a strict simulation there, to which they are added; ``options`` are those of the simulator.
         """
         wanted = [*names, *(f"{state}(0)" for state in self.states)] if names else []
         directions: Any = self.directions if names and joint and self.directions is not None else {}
         path, y0, contact = self.path(local), self.initial(p, local), self.contact
-        if ran is None or not names:
-            return self.simulator.simulate(
-                self.t,
-                path,
-                p,
-                y0,
-                z0="steady",
-                sensitivities=wanted,
-                directions=directions,
-                contact=contact,
-                **options,
-            )
-        changes = self.simulator.differentiate(ran, path, p, wanted, directions, steady="z" not in y0, contact=contact)
-        return replace(ran, sensitivity_names=(*wanted, *directions), sensitivities=changes)
+        if ran is not None and names:
+            steady = "z" not in y0
+            changes = self.simulator.differentiate(ran, path, p, wanted, directions, steady=steady, contact=contact)
+            return replace(ran, sensitivity_names=(*wanted, *directions), sensitivities=changes)
+        return self.simulator.simulate(
+            self.t, path, p, y0, z0="steady", sensitivities=wanted, directions=directions, contact=contact, **options
+        )
+
+    def predict(self, run: Simulation) -> np.ndarray:
+        """What a simulation says of the measured outputs, shape (n_out, n), SI units."""
+        return np.stack([run.F if key == "F" else run.signals[key] for key in self.outputs.values()])
+
+    def derivatives(self, run: Simulation, p: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
+        """Derivatives of the outputs in the parameters ``names``, then in the local unknowns, (n_out, n, n_d)."""
+        J = np.ascontiguousarray(np.stack([run.sensitivities[key] for key in self.outputs.values()]))
+        if "z" in self.states and "sigma_0" in p:  # the unknown is the force sigma_0 z
+            column = len(names) + self.states.index("z")
+            if "sigma_0" in names:
+                J[:, :, list(names).index("sigma_0")] -= J[:, :, column] * run.z[0] / p["sigma_0"]
+            J[:, :, column] /= p["sigma_0"]
+        return J
 
     def evaluate(
         self,
@@ -177,14 +209,28 @@ class TrialModel:
         joint: bool = False,
         ran: Simulation | None = None,
         width: float = 0.0,
-        **options,
+        **options: Any,
     ) -> Piece:
-        """Cost of the trial, and with ``names`` of free parameters its derivatives (from ``ran`` as in ``simulate``).
+        """Cost of the trial, and with ``names`` of free parameters its derivatives.
 
-        The derivatives in the parameters are in their own units, those in the initial bristle in the bristle force's.
-        ``width``, s, is the resolution in time at which the outputs are compared; 0: sample by sample.
+        Those in the parameters are in their own units, those in the initial bristle in the bristle force's.
+
+        Args:
+            p: all parameters, SI units.
+            local: local unknowns; without the inputs' coefficients, these are as fitted to the inputs alone.
+            sigmas: signal -> noise standard deviation, SI units.
+            loss: of the residuals.
+            names: parameters to differentiate by.
+            joint: whether the inputs' coefficients are among the unknowns.
+            ran: a strict simulation there.
+            width: resolution in time at which the outputs are compared, s; 0: sample by sample.
+            options: of the simulator.
+
+        Raises:
+            ContactLost, SimulationFailed: the model cannot be simulated there.
         """
         run = self.simulate(p, local, names, joint, ran, **options)
+        steps = len(run.steps) if ran is None else 0
         model = self.predict(run)
         residuals = {name: row - y for name, row, y in zip(self.outputs, model, self.y, strict=True)}
         scale = np.array([sigmas[name] for name in self.outputs])
@@ -193,9 +239,7 @@ class TrialModel:
         if half:
             r = averaged(np.ascontiguousarray(r[:, :, None]), measured, half)[:, :, 0]
         cost = loss.cost(r)
-        prior = self._prior(local)
-        cost += 0.5 * float(prior @ prior)
-        n_g, n_l, n_s = len(names), self.size(joint), len(self.states)
+        n_g, n_l, first = len(names), self.size(joint), len(self.states)
         if names:
             J = self.derivatives(run, p, names)
             if half:
@@ -203,12 +247,14 @@ class TrialModel:
             weight = measured * loss.weight(r) / scale[:, None] ** 2
             H, gradient = gram(J.reshape(-1, n_g + n_l), (r * scale[:, None]).reshape(-1), weight.reshape(-1))
             ll, grad_l = H[n_g:, n_g:].copy(), gradient[n_g:].copy()
-            if "z" in self.states:
-                i = self.states.index("z")
+        if "z" in self.states:  # held within what friction can be: where the body slides no signal sees it
+            i = self.states.index("z")
+            distance = float(local[i]) / self.force_scale
+            cost += 0.5 * distance**2
+            if names:
                 ll[i, i] += 1 / self.force_scale**2
-                grad_l[i] += prior[0] / self.force_scale
-        first = n_s
-        for item, values in self._split(local, n_s):
+                grad_l[i] += distance / self.force_scale
+        for item, values in zip(self.inputs, self.coefficients(local), strict=True):
             design, levels = item.basis.design, np.array([sigmas[name] for name in item.names])
             difference = design @ values - item.y
             residuals.update(zip(item.names, difference, strict=True))
@@ -217,39 +263,17 @@ class TrialModel:
             r_in = _without_gaps(difference / levels[:, None])
             cost += loss.cost(r_in)
             if names:
-                end = first + item.basis.size
+                own = slice(first, first + item.basis.size)
                 weight = np.where(np.isnan(item.y), 0.0, loss.weight(r_in) / levels[:, None] ** 2)
-                H_in, g_in = gram(
-                    design.reshape(-1, item.basis.size), (r_in * levels[:, None]).reshape(-1), weight.reshape(-1)
-                )
-                ll[first:end, first:end] += H_in
-                grad_l[first:end] += g_in
-                first = end
+                rows = design.reshape(-1, item.basis.size)
+                H_in, g_in = gram(rows, (r_in * levels[:, None]).reshape(-1), weight.reshape(-1))
+                ll[own, own] += H_in
+                grad_l[own] += g_in
+                first = own.stop
         if not names:
-            return Piece(cost, residuals, run=run if options.get("strict") else None)
+            return Piece(cost, residuals, run=run if options.get("strict") else None, steps=steps)
         ll[np.diag_indices(n_l)] += RELATIVE_FLOOR * (ll.diagonal().max() if n_l else 0.0)
-        return Piece(cost, residuals, H[:n_g, :n_g], H[:n_g, n_g:], ll, gradient[:n_g], grad_l)
-
-    def predict(self, run: Simulation) -> np.ndarray:
-        """What a simulation says of the measured outputs, shape (n_out, n), SI units."""
-        return np.stack([run.F if key == "F" else run.signals[key] for key in self.outputs.values()])
-
-    def _prior(self, local: np.ndarray) -> np.ndarray:
-        """The initial bristle force, held within what friction can be: where the body slides no signal sees it."""
-        if "z" not in self.states:
-            return np.zeros(0)
-        return local[[self.states.index("z")]] / self.force_scale
-
-    def derivatives(self, run: Simulation, p: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
-        """Derivatives of the outputs in the parameters ``names``, then in the local unknowns, (n_out, n, n_d)."""
-        J = np.ascontiguousarray(np.stack([run.sensitivities[key] for key in self.outputs.values()]))
-        if "z" in self.states and "sigma_0" in p:
-            column = len(names) + self.states.index("z")
-            if "sigma_0" in names:
-                z0 = run.z[0]
-                J[:, :, list(names).index("sigma_0")] -= J[:, :, column] * z0 / p["sigma_0"]
-            J[:, :, column] /= p["sigma_0"]
-        return J
+        return Piece(cost, residuals, H[:n_g, :n_g], H[:n_g, n_g:], ll, gradient[:n_g], grad_l, steps=steps)
 
 
 def _without_gaps(r: np.ndarray) -> np.ndarray:

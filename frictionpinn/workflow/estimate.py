@@ -144,5 +144,4 @@ def network(
         0,
         time.perf_counter() - began,
         {},
-        details={"loss": {name: float(value) for name, value in model.parts.items()}},
     )
