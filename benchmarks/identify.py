@@ -29,8 +29,8 @@ from matplotlib.figure import Figure
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.recording import Recording
 from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.evaluate.search_methods import METHODS, search
 from frictionpinn.identify import Problem, bound, maximum_likelihood
-from frictionpinn.identify.search_methods import METHODS, search
 from frictionpinn.physics.mechanism import Mechanism
 
 RESULTS = Path(__file__).resolve().parent / "results"

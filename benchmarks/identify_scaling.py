@@ -51,7 +51,7 @@ def measure(data: Recording, free: tuple[str, ...] = FREE) -> tuple[float, float
     state, models = estimate.minimum.state, estimate.minimum.models
     began = time.process_time()
     for _ in range(REPEATS):
-        problem.evaluate(models, state.u, state.locals, True)
+        problem.evaluator(models)(state.u, state.locals, True)
     return fit, (time.process_time() - began) / REPEATS, estimate.n_simulations
 
 

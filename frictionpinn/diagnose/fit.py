@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from ..identify.loss import Loss
-from ..identify.solve import Solution, State, reduced
+from ..identify.solve import Solution, State, invert, reduced
 from ..identify.trial import TrialModel
-from ..identify.uncertainty import information_of, invert
+from ..identify.uncertainty import information_of
 
 SPANS = 5, 20, 60  # samples over which autocorrelations are summed: what a model lacks is slower than that
 CORRELATED = 4.5  # standard deviations of such a sum, from which the residual is more than white noise

@@ -59,10 +59,7 @@ def checking(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], S
     problem = problem.varied(trials=models, prior=False)  # the prior is counted once, with the fitted trials
     u = problem.space.to_search(np.array([fit.values[name] for name in problem.names]))
     bristle = _with_bristle(problem, u)
-
-    def evaluate(u, locals_, derivatives, **options):
-        return problem.evaluate(bristle, u, locals_, derivatives, sigmas=fit.sigmas, **options)
-
+    evaluate = problem.evaluator(bristle, fit.sigmas)
     first = evaluate(u, [model.local[: model.size(problem.joint)] for model in bristle], True)
     return None if first is None else (problem, bristle, first, evaluate)
 

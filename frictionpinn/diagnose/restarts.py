@@ -10,8 +10,7 @@ import numpy as np
 
 from ..identify.motion import Sizes
 from ..identify.problem import Problem
-from ..identify.solve import KNOWN, Solution, reduced
-from ..identify.uncertainty import invert
+from ..identify.solve import KNOWN, Solution, invert, reduced
 from ..numerics.parallel import in_parallel
 
 if TYPE_CHECKING:

@@ -3,8 +3,8 @@
 from .bound import Bound, Ranked, bound, rank_experiments
 from .likelihood import maximum_likelihood
 from .problem import Problem
+from .profile import Profile, profile
 from .result import Estimate
-from .uncertainty import Profile, profile
 
 __all__ = [
     "Bound",

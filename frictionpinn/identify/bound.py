@@ -117,7 +117,8 @@ def bound_of(problem: Problem, values: Mapping[str, float]) -> Bound:
     own = problem.varied(limits=problem.space.reaching(values))
     u = own.space.to_search(np.array([float(values[name]) for name in own.names]))
     models = own.models_at(u)
-    state = own.evaluate(models, u, [model.local[: model.size(own.joint)] for model in models], True, prior=False)
+    evaluate = own.evaluator(models, prior=False)
+    state = evaluate(u, [model.local[: model.size(own.joint)] for model in models], True)
     if state is None:
         raise UserError("the mechanism cannot be simulated at these values", where="values", received=dict(values))
     return Bound.at(own.space, u, reduced(state)[0])

@@ -1,15 +1,14 @@
-"""From a recording to trial models: windows, channels, noisy inputs, start values of the initial states."""
+"""From a trial of a recording to its model: channels, noisy inputs, start values of the initial states."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import sympy as sp
 
-from ..data.recording import Recording, Trial
+from ..data.recording import Trial
 from ..errors import UserError
 from ..numerics.paths import DEGREE, InputPath
 from ..numerics.simulate import Simulator
@@ -19,7 +18,6 @@ from .trial import NoisyInput, TrialModel
 
 MOST_COEFFICIENTS = 150  # of one input in one window; a signal that needs more is interpolated as measured
 MOST_OF_A_MOTION = 300  # the same for a driven coordinate
-LONG_TRIAL = 4000  # samples: a trial with more is cut into windows of about half as many
 REST = 4.0  # standard errors: a smoothed initial velocity below counts as rest, where the search starts
 FIRST_SAMPLES = 5  # through which a line tells the initial state
 
@@ -75,26 +73,6 @@ class Channels:
     def input_names(self) -> tuple[str, ...]:
         """Signals of all inputs."""
         return (*(name for signals, _ in self.motions for name in signals), *(name for name, _ in self.plain))
-
-
-def cut(recording: Recording, length_s: float | None) -> list[Trial]:
-    """Every trial in equal windows of about ``length_s``; without it, only trials that are very long are cut.
-
-    Raises:
-        UserError: windows with too few samples.
-    """
-    result = []
-    for trial in recording.trials:
-        count = 1 if len(trial) <= LONG_TRIAL else -(-2 * len(trial) // LONG_TRIAL)
-        if length_s:
-            count = max(round((trial.t[-1] - trial.t[0]) / length_s), 1)
-        edges = np.linspace(0, len(trial), count + 1).round().astype(int).tolist()
-        for k, (first, end) in enumerate(pairwise(edges)):
-            if end - first < DEGREE + 3:
-                raise UserError("window too short", where="windows", received=f"{end - first} samples",
-                                allowed=f"at least {DEGREE + 3} samples", fix="lengthen the windows")  # fmt: skip
-            result.append(trial.part(slice(first, end), trial.name if count == 1 else f"{trial.name}[{k}]"))
-    return result
 
 
 def trial_model(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import sympy as sp
@@ -13,7 +12,9 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
-from ..numerics.smoothing import Coordinate, Smoothed, SmoothingSpline
+from ..numerics.motion_function import motion_function
+from ..numerics.smoothing import Coordinate
+from ..numerics.spline_basis import smooth_together
 from ..physics.base import Parameter
 from ..physics.mechanism import Mechanism
 from ..physics.scan import DECADES, Scan, data_scales
@@ -21,7 +22,6 @@ from .trial import TrialModel
 
 SLIDING = 0.15  # of the largest slip velocity: faster samples count as sliding
 CLEAR = 4.0  # and of the velocity's noise, in standard deviations
-SPACINGS = (3, 6, 12, 24, 48)  # samples per knot tried for the free coordinates, which friction makes jump
 SHORTEST = 24  # samples in a window between two peaks of the slip velocity
 FACTOR = re.compile(r"([*/]?)(\{?[A-Za-z]+\}?|1)(?:\^(\d+))?")  # of a unit
 NUDGE = 0.3  # of its size: where a strength starts whose effect has a shape to find as well
@@ -55,7 +55,7 @@ class Motion:
     def normal(self) -> np.ndarray:
         """Normal force, shape (n,), as far as the motion tells it."""
         mechanism = self.model.simulator.mechanism
-        return _function(mechanism, mechanism.system.N)(self.signals, _typical(mechanism))
+        return motion_function(mechanism.system, mechanism.system.N)(self.signals, _typical(mechanism))
 
     @property
     def position(self) -> np.ndarray:
@@ -63,7 +63,7 @@ class Motion:
         mechanism = self.model.simulator.mechanism
         if mechanism.system.slip_position is None:
             return cumulative_trapezoid(self.v_slip, self.model.t, initial=0.0)
-        return _function(mechanism, mechanism.system.slip_position)(self.signals, _typical(mechanism))
+        return motion_function(mechanism.system, mechanism.system.slip_position)(self.signals, _typical(mechanism))
 
 
 def smoothed(mechanism: Mechanism, models: Sequence[TrialModel], sigmas: Mapping[str, float]) -> list[Motion]:
@@ -84,35 +84,14 @@ def smoothed(mechanism: Mechanism, models: Sequence[TrialModel], sigmas: Mapping
             (model.t, rows.get(c.signals[0]), rows.get(c.signals[1]), rows.get(c.signals[2]))
             for model, rows in zip(models, measured, strict=True)
         ]
-        for own, smooth in zip(signals, _splines(data, [sigmas.get(name) for name in c.signals]), strict=True):
+        for own, smooth in zip(signals, smooth_together(data, [sigmas.get(name) for name in c.signals]), strict=True):
             own.update(zip(c.signals, smooth[:3], strict=True))
-    v_slip, typical = _function(mechanism, mechanism.system.v_slip), _typical(mechanism)
+    v_slip, typical = motion_function(mechanism.system, mechanism.system.v_slip), _typical(mechanism)
     slips = [v_slip(own, typical) for own in signals]
     largest = max(float(np.quantile(np.abs(v), 0.99)) for v in slips)
     noise = max([sigmas[c.signals[1]] for c in mechanism.free if c.signals[1] in sigmas], default=0.0)
     threshold = max(SLIDING * largest, min(CLEAR * noise, 0.5 * largest))
     return [Motion(m, own, v, np.abs(v) > threshold) for m, own, v in zip(models, signals, slips, strict=True)]
-
-
-def _splines(data: Sequence[Coordinate], sigmas: Sequence[float | None]) -> list[Smoothed]:
-    """Every trial through the spline of least Bayesian information criterion over all of them."""
-    best: list[Smoothed] = []
-    least = np.inf
-    spacings = [spacing for spacing in SPACINGS if spacing <= min(len(trial[0]) for trial in data) // 3]
-    for spacing in spacings or [2]:
-        smoother = SmoothingSpline(spacing=spacing).fit(data, sigmas)
-        fits = [smoother(*trial) for trial in data]
-        value, samples = 0.0, 0
-        for k in range(3):
-            rows = [(t[k + 1] - fit[k]) ** 2 for t, fit in zip(data, fits, strict=True) if t[k + 1] is not None]
-            if rows:
-                joined = np.concatenate(rows)
-                value += np.sum(~np.isnan(joined)) * np.log(np.nanmean(joined) + 1e-300)
-                samples += len(joined)
-        value += sum(len(trial[0]) // spacing + 5 for trial in data) * np.log(samples)
-        if not best or value < least:
-            best, least = fits, value
-    return best
 
 
 class Sizes:
@@ -276,7 +255,7 @@ def _sliding_regression(
         if system.jacobian[c.name] != 0:
             balance = system.residual(c) + system.jacobian[c.name] * force
             inertia = sp.diff(balance, c.symbols[2])  # else no masses would balance best
-            functions.append(_function(mechanism, balance / (inertia if inertia != 0 else 1)))
+            functions.append(motion_function(system, balance / (inertia if inertia != 0 else 1)))
     stacked = {key: np.concatenate([m.signals[key][m.fast] for m in motions]) for key in motions[0].signals}
     known = {"mu_c": 0.0, "sigma_2": 0.0} | dict(values) | dict.fromkeys(extra, 0.0)
     base = functions[0](stacked, known | {"mu_c": 0.0, "sigma_2": 0.0})
@@ -308,7 +287,7 @@ def _effective_mass(mechanism: Mechanism, motions: Sequence[Motion], values: Map
     for c in mechanism.free:
         jacobian = mechanism.system.jacobian[c.name]
         if jacobian != 0:
-            f = _function(mechanism, sp.diff(mechanism.system.residual(c), c.symbols[2]) / jacobian**2)
+            f = motion_function(mechanism.system, sp.diff(mechanism.system.residual(c), c.symbols[2]) / jacobian**2)
             return float(np.mean([np.mean(f(m.signals, values)) for m in motions]))
     return None
 
@@ -317,24 +296,3 @@ def _typical(mechanism: Mechanism) -> dict[str, float]:
     """Values of all parameters, 1 where one has none."""
     values = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values
     return {name: 1.0 if value is None else float(value) for name, value in values.items()}
-
-
-@lru_cache(maxsize=256)  # asked for of every trial
-def _compiled(arguments: tuple[sp.Symbol, ...], expr: sp.Expr):
-    return sp.lambdify(arguments, expr, modules="numpy", cse=True)
-
-
-def _function(mechanism: Mechanism, expr: sp.Expr):
-    """Numerical function (signals, parameters) -> samples of an expression of the motion and the parameters."""
-    symbols = {s: n for c in mechanism.system.moving for s, n in zip(c.symbols, c.signals, strict=True)}
-    symbols |= {item.symbol: item.name for item in mechanism.system.inputs}
-    wanted = [s for s in symbols if s in expr.free_symbols]
-    parameters = sorted((s for s in expr.free_symbols if s not in symbols), key=str)
-    compiled = _compiled((*wanted, *parameters), expr)
-
-    def function(signals: Mapping[str, np.ndarray], p: Mapping[str, float]) -> np.ndarray:
-        n = len(next(iter(signals.values())))
-        columns = [signals.get(symbols[s], np.zeros(n)) for s in wanted]
-        return np.broadcast_to(np.asarray(compiled(*columns, *(p[str(s)] for s in parameters)), float), (n,))
-
-    return function

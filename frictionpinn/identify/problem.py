@@ -13,16 +13,18 @@ import numpy as np
 from ..data.recording import Recording
 from ..errors import choose
 from ..numerics.parallel import in_parallel
+from ..numerics.paths import DEGREE
 from ..numerics.simulate import ContactLost, SimulationFailed, Simulator
 from ..numerics.smoothing import difference_sigma
 from ..physics.mechanism import Mechanism
-from .build import Channels, cut, trial_model
+from .build import Channels, trial_model
 from .loss import LOSSES, choose_loss
 from .motion import Scales, Sizes, default_bounds, smoothed
 from .solve import Evaluate, State
-from .space import Prior, Space, check_fixed, check_names
+from .space import Prior, Space
 from .trial import Piece, TrialModel
 
+LONG_TRIAL = 4000  # samples: a trial with more is cut into windows of about half as many
 COARSEST = 0.25  # of the usual time between two peaks of the slip velocity: a stop is placed better than that
 FINER = 2.0  # factor from one resolution to the next: a minimum lies well within the basin of the next
 
@@ -76,15 +78,15 @@ class Problem:
         self.coarse_loss = LOSSES["gaussian"] if loss == "auto" else self.loss  # jumps do not make outliers there
         self.joint = choose(inputs, {"joint": True, "fixed": False}, "inputs")
         rest = choose(initial, {"free": False, "rest": True}, "initial")
-        check_names(mechanism, (*(free or ()), *(bounds or {}), *(fixed or {})))
-        check_fixed(mechanism, fixed or {})
+        mechanism.check_names((*(free or ()), *(bounds or {}), *(fixed or {})), "free")
+        mechanism.check_values(fixed or {}, "fixed")
         law = [par.name for par in mechanism.law.parameters if par.value is None]
         names = tuple(free) if free is not None else tuple(n for n in law if n not in (fixed or {}))
         defaults = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values
         self.fixed = {
             k: float(v) for k, v in (defaults | dict(fixed or {})).items() if v is not None and k not in names
         }
-        trials = cut(recording, windows)
+        trials = recording.cut(windows, longest=LONG_TRIAL, least=DEGREE + 3)
         self.channels = Channels.of(mechanism, set().union(*(trial.signals for trial in trials)))
         self.given = dict(sigmas or {})
         self.sigmas: dict[str, float] = {}
@@ -205,90 +207,65 @@ class Problem:
         models: Sequence[TrialModel],
         sigmas: Mapping[str, float] | None = None,
         *,
-        steps: float | None = None,
-        **given: Any,
-    ) -> Evaluate:
-        """:meth:`evaluate` of these trials and noise levels, as a search calls it.
-
-        Args:
-            models: of the trials.
-            sigmas: signal -> noise standard deviation, SI units; by default the problem's.
-            steps: of the integrator, all trials together, that the search may take: once it took more nothing can be
-                simulated any longer. They are counted over the calls of this evaluator alone, which is for one search.
-            given: further options of :meth:`evaluate`.
-        """
-        spent: list[int] = []
-
-        def evaluate(u, locals_, derivatives, **options) -> State | None:
-            if steps is not None and sum(spent) > steps:
-                return None
-            own = given | options
-            return self.evaluate(models, u, locals_, derivatives, sigmas=sigmas, spent=spent, **own)
-
-        return evaluate
-
-    def evaluate(
-        self,
-        models: Sequence[TrialModel],
-        u: np.ndarray,
-        locals_: Sequence[np.ndarray],
-        derivatives: bool,
-        *,
         joint: bool | None = None,
-        sigmas: Mapping[str, float] | None = None,
-        ran: State | None = None,
-        width: float = 0.0,
         prior: bool = True,
-        spent: list[int] | None = None,
+        width: float = 0.0,
+        steps: float = np.inf,
         **options: Any,
-    ) -> State | None:
-        """Cost at u and the local unknowns, all trials in parallel; None where one cannot be simulated.
+    ) -> Evaluate:
+        """The cost of these trials as a search calls it: evaluate(u, locals, derivatives, ran, width, **options).
+
+        That returns the state at a search vector u, shape (n,), and the unknowns of every trial, with the cost's local
+        model if ``derivatives`` are wanted; None where a trial cannot be simulated. ``ran`` is the state there from
+        ``strict`` simulations: with derivatives, nothing is simulated again. Trials run in parallel.
 
         Args:
             models: of the trials.
-            u: search vector, shape (n,).
-            locals_: unknowns of every trial.
-            derivatives: whether the cost's local model is wanted as well.
-            joint: whether the inputs' coefficients are among the unknowns; by default the problem's.
             sigmas: signal -> noise standard deviation, SI units; by default the problem's.
-            ran: the state there from ``strict`` simulations: with derivatives, nothing is simulated again.
-            width: resolution in time, s.
+            joint: whether the inputs' coefficients are among the unknowns; by default the problem's.
             prior: whether the prior is counted; without it the cost is that of the data alone.
-            spent: told the integrator's steps, all trials together.
+            width: resolution in time at which model and data are compared, s; 0: sample by sample.
+            steps: of the integrator, all trials together, that the search may take: after more nothing is simulated
+                any longer. Only those of this evaluator are counted, which then is for one search.
             options: of the simulator.
         """
-        loss = self.coarse_loss if width else self.loss
-        p, joint = self.values(u), self.joint if joint is None else joint
-        sigmas, names = sigmas or self.sigmas, self.names if derivatives else ()
-        runs = [None] * len(models) if ran is None else [part.run for part in ran.pieces]
-        if not derivatives or any(run is None for run in runs):
-            self._calls.append(derivatives)
-        change, steps = self.space.jacobian(u), [0] * len(models)
+        joint, sigmas, spent = self.joint if joint is None else joint, sigmas or self.sigmas, 0
 
-        def piece(k: int) -> Piece | None:
-            try:
-                found = models[k].evaluate(p, locals_[k], sigmas, loss, names, joint, runs[k], width, **options)
-            except (ContactLost, SimulationFailed) as failure:
-                steps[k] = failure.steps
+        def evaluate(u, locals_, derivatives, *, ran: State | None = None, width=width, **more) -> State | None:
+            nonlocal spent
+            if spent > steps:
                 return None
-            steps[k] = found.steps
-            if not names:
-                return found
-            return replace(
-                found, gg=change.T @ found.gg @ change, gl=change.T @ found.gl, grad_g=change.T @ found.grad_g
-            )
+            p, change, names = self.values(u), self.space.jacobian(u), self.names if derivatives else ()
+            loss = self.coarse_loss if width else self.loss
+            runs = [None] * len(models) if ran is None else [part.run for part in ran.pieces]
+            if not derivatives or any(run is None for run in runs):
+                self._calls.append(derivatives)
+            own, taken = options | more, [0] * len(models)
 
-        found = in_parallel(piece, [len(model.t) * (8 + model.size(joint)) for model in models])
-        if spent is not None:
-            spent.append(sum(steps))
-        pieces = tuple(part for part in found if part is not None)
-        if len(pieces) < len(models) or not all(np.isfinite(part.cost) for part in pieces):
-            return None
-        if prior and len(self.prior.target):  # counted with the first trial
-            first, r = pieces[0], self.prior.distance(u)
-            first = replace(first, cost=first.cost + 0.5 * float(r @ r))
-            if names:
-                slope = self.prior.rows.T @ r
-                first = replace(first, gg=first.gg + self.prior.information, grad_g=first.grad_g + slope)
-            pieces = (first, *pieces[1:])
-        return State(np.asarray(u, float), tuple(locals_), pieces)
+            def piece(k: int) -> Piece | None:
+                try:
+                    found = models[k].evaluate(p, locals_[k], sigmas, loss, names, joint, runs[k], width, **own)
+                except (ContactLost, SimulationFailed) as failure:
+                    taken[k] = failure.steps
+                    return None
+                taken[k] = found.steps
+                if not names:
+                    return found
+                gg, gl, grad_g = change.T @ found.gg @ change, change.T @ found.gl, change.T @ found.grad_g
+                return replace(found, gg=gg, gl=gl, grad_g=grad_g)
+
+            found = in_parallel(piece, [len(model.t) * (8 + model.size(joint)) for model in models])
+            spent += sum(taken)
+            pieces = tuple(part for part in found if part is not None)
+            if len(pieces) < len(models) or not all(np.isfinite(part.cost) for part in pieces):
+                return None
+            if prior and len(self.prior.target):  # counted with the first trial
+                first, r = pieces[0], self.prior.distance(u)
+                first = replace(first, cost=first.cost + 0.5 * float(r @ r))
+                if names:
+                    slope = self.prior.rows.T @ r
+                    first = replace(first, gg=first.gg + self.prior.information, grad_g=first.grad_g + slope)
+                pieces = (first, *pieces[1:])
+            return State(np.asarray(u, float), tuple(locals_), pieces)
+
+        return evaluate

@@ -11,7 +11,6 @@ import numpy as np
 
 from .problem import Problem
 from .solve import Solution, State
-from .space import Space
 from .trial import TrialModel
 
 CONVERGED, AT_BOUND, UNIDENTIFIED, NO_EXCITATION, UNEXPLAINED, STOPPED, FAILED = (
@@ -170,32 +169,26 @@ def correlation_of(covariance: np.ndarray) -> np.ndarray:
         return covariance / np.outer(deviations, deviations)
 
 
-def floor_of(space: Space, p: np.ndarray, name: str) -> float:
-    """What an interval's lower end must exceed to tell anything: 0, or the parameter that this one must exceed."""
-    lower = space.below[space.names.index(name)]
-    return float(p[lower]) * MERGED if lower >= 0 else 0.0
-
-
-def advise(
+def verdict(
     problem: Problem,
+    reason: str,
     p: np.ndarray,
     covariance: np.ndarray,
+    ci95: Mapping[str, tuple[float, float]],
     hidden: Collection[str],
     at_limit: Collection[str],
     at_bound: Collection[str],
-    told: Mapping[str, tuple[float, float]],
     memory: float,
     white: bool,
-) -> tuple[str, ...]:
-    """Sentences for the result: no sliding, parameters not told or at a bound, correlations, a model that lacks.
+) -> tuple[str, tuple[str, ...]]:
+    """The outcome of an estimation, and sentences on what to do about it.
 
     Args:
         problem: that was solved.
-        p: estimates, SI units, shape (n,).
-        covariance: of them, shape (n, n).
+        reason: why the search ended.
+        p, covariance, ci95: estimates, SI units, shape (n,), their covariance, shape (n, n), and 95 % intervals.
         hidden: parameters that do not show.
         at_limit, at_bound: strengths of effects at a physical limit; parameters at a bound that was given.
-        told: 95 % intervals of positive parameters.
         memory: samples over which residuals stay correlated.
         white: whether residuals are noise.
     """
@@ -209,9 +202,11 @@ def advise(
     fastest = max(float(np.abs(motion.v_slip).max()) for motion in problem.motions) if slides else 0.0
     if not slides:
         result.append("the contact hardly slides in this recording: increase the excitation until it does")
-    for name, lower in zip(space.names, space.below, strict=True):
-        low, high = told.get(name, (np.nan, np.nan))
-        least, hint = floor_of(space, p, name), hints.get(name, VARY)
+    open_ended = False
+    for i, (name, lower) in enumerate(zip(space.names, space.below, strict=True)):
+        low, high = (np.nan, np.nan) if space.scales[i] or name in at_bound else ci95[name]
+        least = float(p[lower]) * MERGED if lower >= 0 else 0.0  # what an interval must exceed to tell anything
+        hint, open_ended = hints.get(name, VARY), open_ended or (low <= least and (np.isinf(high) or lower >= 0))
         if low > least and np.isinf(high):
             result.append(f"{name}: at least {low:.2g}, not told from above: {hint}")
         elif low <= least and np.isfinite(high):
@@ -247,7 +242,11 @@ def advise(
             f"residuals{span}: the model lacks something (diagnose.py says what), its inputs are filtered, or a lower "
             "minimum was not found; intervals are widened for the correlation"
         )
-    return tuple(result)
+    outcome = CONVERGED if reason in ("converged", "stuck") else STOPPED
+    outcome = outcome if white else UNEXPLAINED
+    outcome = AT_BOUND if at_bound else UNIDENTIFIED if hidden or open_ended else outcome
+    outcome = outcome if slides and len(hidden) < len(p) else NO_EXCITATION
+    return outcome, tuple(result)
 
 
 def sentences(names: tuple[str, ...], correlation: np.ndarray, hints: Mapping[str, str]) -> list[str]:

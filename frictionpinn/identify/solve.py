@@ -63,7 +63,7 @@ class Solution:
     reason: str
 
 
-Evaluate = Callable[..., State | None]  # (u, locals, derivatives, **options of Problem.evaluate)
+Evaluate = Callable[..., State | None]  # see Problem.evaluator
 Limits = tuple[np.ndarray, np.ndarray]  # bounds of u
 
 
@@ -100,6 +100,15 @@ def reduced(state: State, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray,
         g -= piece.gl @ X[:, n]
         back.append(X)
     return S, g, back
+
+
+def invert(information: np.ndarray) -> np.ndarray:
+    """Inverse of a symmetric positive matrix whose entries differ by decades; huge entries where it is singular."""
+    scale = 1 / np.sqrt(np.maximum(information.diagonal(), 1e-300))
+    scaled = information * scale[:, None] * scale
+    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
+    values = np.maximum(values, 1e-14)
+    return (vectors / values) @ vectors.T * scale[:, None] * scale
 
 
 def moved(
@@ -159,8 +168,7 @@ def levenberg_marquardt(
     ``decrease`` (in units of the log-likelihood), where two steps in a row gain hardly more, or after ``iterations``.
 
     Args:
-        evaluate: (u, locals, derivatives, **options) -> State, or None where the model cannot be simulated; options
-            as of :meth:`Problem.evaluate`.
+        evaluate: the cost, see :meth:`frictionpinn.identify.Problem.evaluator`.
         start: with derivatives.
         limits: bounds of u.
         iterations: steps at most.
@@ -207,7 +215,7 @@ def coarse_to_fine(evaluate: Evaluate, first: State, limits: Limits, widths: Seq
     """Follow the minimum from a coarse resolution in time to a finer one.
 
     Args:
-        evaluate: as of :meth:`Problem.evaluate`, with its option ``width``.
+        evaluate: the cost, see :meth:`frictionpinn.identify.Problem.evaluator`.
         first: unknowns to start from.
         limits: of the global ones.
         widths: resolutions, s, coarsest first, see :attr:`Problem.resolutions`.

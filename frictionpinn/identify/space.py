@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import sympy as sp
 
-from ..errors import UserError, nearest
+from ..errors import UserError
 from ..physics.mechanism import Mechanism
 
 LEAST_GAP = 1e-3  # of the lower bound: two parameters that must not cross stay this far apart
@@ -59,7 +59,7 @@ class Space:
         Raises:
             UserError: an unknown name, bounds that are empty or outside the parameter's physical range.
         """
-        check_names(mechanism, (*names, *bounds))
+        mechanism.check_names((*names, *bounds), "free")
         table = {par.name: par for par in mechanism.parameters}
         ordered = tuple(name for name in table if name in names)
         if not ordered:
@@ -199,27 +199,6 @@ class Prior:
     def distance(self, u: np.ndarray) -> np.ndarray:
         """A u - b at u, shape (n,): half its square is what the prior costs."""
         return self.rows @ u - self.target
-
-
-def check_names(mechanism: Mechanism, names: Iterable[str]) -> None:
-    """Raise :class:`UserError` for a name that is no parameter of the mechanism."""
-    table = [par.name for par in mechanism.parameters]
-    for name in names:
-        if name not in table:
-            fix = nearest(name, table) or "use one of these"
-            raise UserError("unknown parameter", where=f"free.{name}", allowed=", ".join(table), fix=fix)
-
-
-def check_fixed(mechanism: Mechanism, fixed: Mapping[str, float]) -> None:
-    """Raise :class:`UserError` for a known parameter whose value is no number of its physical range."""
-    table = {par.name: par for par in mechanism.parameters}
-    for name, value in fixed.items():
-        par = table[name]
-        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-        if not number or not par.low <= value <= par.high:
-            unit = "" if par.unit == "1" else f" {par.unit}"
-            raise UserError("impossible value", where=f"fixed.{name}", received=value,
-                            allowed=f"a number from {par.low:g} to {par.high:g}{unit}")  # fmt: skip
 
 
 def _order(mechanism: Mechanism) -> list[tuple[str, str]]:

@@ -1,49 +1,24 @@
-"""From where a search ended to the estimate: covariance, intervals, profile likelihood, outcome."""
+"""From where a search ended to the estimate: information, covariance, intervals."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import UserError
 from ..numerics.whiteness import correlation_time
 from .problem import Problem
-from .result import (
-    AT_BOUND,
-    CONVERGED,
-    CORRELATED,
-    FAILED,
-    NO_EXCITATION,
-    STOPPED,
-    UNEXPLAINED,
-    UNIDENTIFIED,
-    Estimate,
-    Minimum,
-    advise,
-    floor_of,
-)
-from .solve import BUDGET, Evaluate, Limits, Solution, State, levenberg_marquardt, moved, reduced
+from .profile import RISE_95, STEP, profiled
+from .result import CORRELATED, FAILED, Estimate, Minimum, verdict
+from .solve import BUDGET, Evaluate, Limits, Solution, State, invert, moved, reduced
 from .space import Space
 
 NORMAL_95 = 1.959964  # standard deviations to either side that hold 95 %
-RISE_95 = 1.920729  # of the cost at the ends of a 95 % interval: half its square
 UNTOLD = 1.0  # standard error of a logarithm: a 95 % interval of a factor 50
 SHARP = 0.25  # standard error over the value (of mu_s: its excess over mu_c), beyond which a likelihood is no parabola
 BESIDE = 4.0  # standard errors to the neighbours, where a rugged likelihood may tell much less
 WIDEST = 4.0  # factor by which a standard error grows at most for what its neighbours tell
 FORGOTTEN, SAME = 6.0, 0.02  # log-likelihood: a minimum farther behind counts no more; in log u: the same minimum
-PROFILE_STEPS, PROFILE_STEP = 12, 0.5  # to either side; length of one in log u at most: 12 reach a factor of 400
-
-
-def invert(information: np.ndarray) -> np.ndarray:
-    """Inverse of a symmetric positive matrix whose entries differ by decades; huge entries where it is singular."""
-    scale = 1 / np.sqrt(np.maximum(information.diagonal(), 1e-300))
-    scaled = information * scale[:, None] * scale
-    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
-    values = np.maximum(values, 1e-14)
-    return (vectors / values) @ vectors.T * scale[:, None] * scale
 
 
 def information_of(
@@ -166,104 +141,6 @@ def one_sided(space: Space, state: State, i: int, rise: float) -> tuple[float, f
     return least, most
 
 
-@dataclass(frozen=True)
-class Profile:
-    """Cost of the best fit at fixed values of one parameter.
-
-    Attributes:
-        name, unit: of the parameter.
-        values: where it was held, SI units, increasing, shape (n,).
-        cost: rise of the cost above its least value, shape (n,).
-        ci95: where the rise is 1.92; infinite (0 below) where it stays lower within the bounds.
-    """
-
-    name: str
-    unit: str
-    values: np.ndarray
-    cost: np.ndarray
-    ci95: tuple[float, float]
-
-    def __str__(self) -> str:
-        low, high = self.ci95
-        rows = "\n".join(f"  {v:.5g} {c:.2f}" for v, c in zip(self.values, self.cost, strict=True))
-        return f"{self.name} in [{low:.4g}, {high:.4g}] {self.unit} (95 %); value, rise of the cost:\n{rows}"
-
-
-def profile(problem: Problem, estimate: Estimate, name: str, step: float = 0.7) -> Profile:
-    """Profile likelihood of a parameter around an estimate by maximum likelihood of this problem.
-
-    Args:
-        problem: the problem that was solved.
-        estimate: its solution.
-        name: parameter.
-        step: distance between the values tried, in standard errors.
-
-    Raises:
-        UserError: an unknown name, or an estimate that failed or came from another method.
-
-    Source: Raue et al., Structural and practical identifiability analysis, Bioinformatics 25 (2009).
-    """
-    if name not in problem.names:
-        raise UserError("unknown parameter", where="profile", received=name, allowed=", ".join(problem.names))
-    if estimate.minimum is None:
-        raise UserError(
-            "no fit to start from", where="profile", received=estimate.outcome, allowed="maximum_likelihood"
-        )
-    evaluate = problem.evaluator(estimate.minimum.models, estimate.sigmas, prior=False)
-    return profiled(problem, evaluate, estimate.minimum.state, name, step, RISE_95, iterations=15)
-
-
-def profiled(
-    problem: Problem, evaluate: Evaluate, state: State, name: str, step: float, rise: float, iterations: int
-) -> Profile:
-    """The profile of a parameter from a fit on: every value from the fit at the one before, to either side.
-
-    Args:
-        problem: its parameters and their space.
-        evaluate: the cost of the data alone, without the prior.
-        state: the fit, with derivatives.
-        name: parameter.
-        step: see :func:`profile`.
-        rise: of the cost that bounds the interval: more than 1.92 where residuals are correlated.
-        iterations: of the search at each value at most.
-    """
-    space, i = problem.space, problem.names.index(name)
-    prior = problem.prior.distance(state.u)
-    found = {state.u[i]: state.cost - 0.5 * float(prior @ prior)}
-    curvature = 1 / max(float(invert(reduced(state)[0])[i, i]), 1e-300)
-    size = float(np.clip(step / np.sqrt(max(1e-12, curvature)), 1e-4, PROFILE_STEP))
-    for side in (-1.0, 1.0):
-        current = state
-        for k in range(1, PROFILE_STEPS + 1):
-            low, high = (limit.copy() for limit in space.limits)
-            target = float(np.clip(state.u[i] + side * k * size, low[i], high[i]))
-            if target in found:
-                break
-            low[i] = high[i] = target
-            covariance = invert(reduced(current)[0])  # the others move along their conditional optimum
-            along = covariance[:, i] / covariance[i, i] * (target - current.u[i])
-            first = evaluate(*moved(current, along, (low, high), longest=np.inf), True)
-            if first is None:
-                break
-            current = levenberg_marquardt(evaluate, first, (low, high), iterations=iterations, decrease=0.05).state
-            found[target] = current.cost
-            if current.cost - min(found.values()) > rise:
-                break
-
-    def value(at: float) -> float:
-        return float(space.to_values(np.where(np.arange(len(state.u)) == i, at, state.u))[i])
-
-    us = np.array(sorted(found))
-    costs, values = np.array([found[u] for u in us]) - min(found.values()), np.array([value(u) for u in us])
-    best, above = int(np.argmin(costs)), np.flatnonzero(costs > rise)
-    ends = [-np.inf if space.scales[i] else value(-700.0), np.inf]  # where the cost stays lower within the bounds
-    if len(below := above[above < best]):
-        ends[0] = float(np.interp(rise, costs[[below[-1] + 1, below[-1]]], values[[below[-1] + 1, below[-1]]]))
-    if len(beyond := above[above > best]):
-        ends[1] = float(np.interp(rise, costs[[beyond[0] - 1, beyond[0]]], values[[beyond[0] - 1, beyond[0]]]))
-    return Profile(name, problem.mechanism.units[name], values, costs, (ends[0], ends[1]))
-
-
 def finish(
     problem: Problem,
     minimum: Minimum,
@@ -323,19 +200,10 @@ def finish(
         if name in at_limit:
             ci95[name] = one_sided(space, state, i, RISE_95 * factor)
         elif profiles and blunt and (slides or not at[i]):
-            ci95[name] = profiled(problem, evaluate, state, name, 0.7, RISE_95 * factor, iterations=6).ci95
+            ci95[name] = profiled(problem, evaluate, state, name, STEP, RISE_95 * factor, iterations=6).ci95
 
-    told = {name: ci95[name] for i, name in enumerate(names) if positive[i] and name not in at_bound}
-    open_ended = any(
-        least <= floor_of(space, p, name) and (np.isinf(most) or space.below[names.index(name)] >= 0)
-        for name, (least, most) in told.items()
-    )
-    outcome = CONVERGED if minimum.reason in ("converged", "stuck") else STOPPED
-    outcome = outcome if white else UNEXPLAINED
-    outcome = AT_BOUND if at_bound else UNIDENTIFIED if mask.any() or open_ended else outcome
-    outcome = NO_EXCITATION if not slides or mask.all() else outcome
     hidden = [names[i] for i in np.flatnonzero(mask)]
-    advice = advise(problem, p, covariance, hidden, at_limit, at_bound, told, memory, white)
+    outcome, advice = verdict(problem, minimum.reason, p, covariance, ci95, hidden, at_limit, at_bound, memory, white)
     return Estimate(
         estimator, names, value,
         {name: problem.mechanism.units[name] for name in names}, covariance, ci95, outcome, advice, state.cost,

@@ -95,10 +95,10 @@ def test_gradient_is_the_derivative_of_the_cost(system, law):
     models = problem.models_at(u)
     local = [model.local for model in models]
     tight = {"rtol": 1e-8, "atol": 1e-9}
-    state = problem.evaluate(models, u, local, True, **tight)
+    state = problem.evaluator(models, **tight)(u, local, True)
 
     def cost(du, dl):
-        return problem.evaluate(models, u + du, [local[0] + dl], False, **tight).cost
+        return problem.evaluator(models, **tight)(u + du, [local[0] + dl], False).cost
 
     scale = np.sqrt(np.diag(state.pieces[0].gg))
     for i in range(len(u)):
@@ -119,7 +119,7 @@ def test_elimination_gives_the_block_of_the_full_inverse():
     problem = Problem(mechanism, noisy)
     u = problem.space.to_search(np.array([truth[name] for name in problem.names]))
     models = problem.models_at(u)
-    state = problem.evaluate(models, u, [model.local for model in models], True)
+    state = problem.evaluator(models)(u, [model.local for model in models], True)
     n, sizes = len(u), [len(piece.grad_l) for piece in state.pieces]
     full, first = np.zeros((n + sum(sizes),) * 2), n
     for piece, size in zip(state.pieces, sizes, strict=True):

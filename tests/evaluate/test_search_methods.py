@@ -5,9 +5,9 @@ import pytest
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.evaluate.search_methods import METHODS, search
 from frictionpinn.identify.problem import Problem
 from frictionpinn.identify.result import STOPPED
-from frictionpinn.identify.search_methods import METHODS, search
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 

@@ -13,10 +13,10 @@ from dataclasses import replace
 import numpy as np
 from scipy import optimize
 
-from .problem import Problem
-from .result import STOPPED, Estimate, Improvement, Minimum
-from .solve import BUDGET, State
-from .uncertainty import failed, finish
+from ..identify.problem import Problem
+from ..identify.result import STOPPED, Estimate, Improvement, Minimum
+from ..identify.solve import BUDGET, State
+from ..identify.uncertainty import failed, finish
 
 NO_MODEL = 1e12  # cost of parameters at which the mechanism cannot be simulated
 
@@ -43,6 +43,7 @@ class Objective:
         self.problem, self.budget, self.limits = problem, budget, problem.space.limits
         self.models = problem.trials
         self.locals = [model.local[: model.size(False)] for model in self.models]
+        self.evaluate = problem.evaluator(self.models, joint=False)
         self.began, self.count = time.perf_counter(), 0
         self.u = np.zeros(0)
         self.path: list[Improvement] = []
@@ -50,7 +51,7 @@ class Objective:
     def state(self, u: np.ndarray, derivatives: bool = False) -> State | None:
         """The problem's state at u, moved inside the bounds; None where it cannot be simulated."""
         self.count += 1
-        return self.problem.evaluate(self.models, np.clip(u, *self.limits), self.locals, derivatives, joint=False)
+        return self.evaluate(np.clip(u, *self.limits), self.locals, derivatives)
 
     def _note(self, u: np.ndarray, cost: float) -> None:
         if cost < (self.path[-1].cost if self.path else np.inf):
