@@ -44,7 +44,7 @@ def bounds_for(truth: dict[str, float], seed: int) -> dict[str, tuple[float, flo
 def cost_from_truth(problem: Problem, truth: dict[str, float], sigmas: dict[str, float]) -> float:
     """Cost of the fit that starts at the truth."""
     problem = problem.varied(limits=problem.space.reaching(truth))  # the default bounds may exclude the truth
-    u = problem.space.to_search(np.array([truth[name] for name in problem.names]))
+    u = problem.space.to_search(truth)
     models = problem.models_at(u)
     evaluate = problem.evaluator(models, sigmas)
     first = evaluate(u, [model.local for model in models], True)

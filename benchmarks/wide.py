@@ -71,7 +71,7 @@ def cost_from_truth(problem: Problem, case: Case, sigmas: dict[str, float]) -> t
     Both at these noise levels; NaN where the package cannot simulate the truth.
     """
     problem = problem.varied(limits=problem.space.reaching(case.truth))  # the default bounds may exclude the truth
-    u = problem.space.to_search(np.array([case.truth[name] for name in problem.names]))
+    u = problem.space.to_search(case.truth)
     try:
         models = problem.models_at(u)
         evaluate = problem.evaluator(models, sigmas)

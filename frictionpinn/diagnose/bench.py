@@ -11,13 +11,13 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..identify.likelihood import maximum_likelihood
-from ..identify.motion import Sizes
 from ..identify.problem import Problem
 from ..identify.solve import KNOWN, Evaluate, Solution, cycled, levenberg_marquardt, moved, reduced
 from ..identify.trial import TrialModel
 from ..numerics.parallel import in_parallel
 from ..numerics.simulate import Simulation, Simulator
 from ..physics.mechanism import Mechanism
+from ..physics.sizes import Sizes
 from .declared import fit_declared
 from .fit import Fit
 from .parts import Parts
@@ -68,7 +68,7 @@ class Bench:
         """How large the effects' parameters are on this data."""
         runs = self.simulate(self.base())
         force = float(np.sqrt(np.mean(np.concatenate([run.F for run in runs]) ** 2)))
-        return Sizes(self.tested, self.problem.motions, force)
+        return replace(self.problem.scales.sizes, force=force)
 
     @cached_property
     def usual_steps(self) -> int:
@@ -117,8 +117,8 @@ class Bench:
         """The problem with these parameters free, the others held at their values."""
         wider: dict[str, tuple[float, float]] = {}
         if "sigma_2" in problem.names:  # viscous friction absorbs much of what is missing: it must be free to go
-            k = problem.names.index("sigma_2")
-            wider["sigma_2"] = (problem.space.low[k] / RELAXED, problem.space.high[k])
+            low, high = problem.space.bounds["sigma_2"]
+            wider["sigma_2"] = (low / RELAXED, high)
         return problem.varied(
             names=names, values=values, simulator=simulator, limits=wider | dict(limits or {}), sizes=self.sizes
         )

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..identify.motion import Sizes
 from ..identify.problem import Problem
 from ..identify.solve import KNOWN, Solution, invert, reduced
 from ..numerics.parallel import in_parallel
+from ..physics.sizes import Sizes
 
 if TYPE_CHECKING:
     from .bench import Bench

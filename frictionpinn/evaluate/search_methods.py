@@ -56,7 +56,7 @@ class Objective:
     def _note(self, u: np.ndarray, cost: float) -> None:
         if cost < (self.path[-1].cost if self.path else np.inf):
             self.u = np.clip(u, *self.limits)
-            values = dict(zip(self.problem.names, self.problem.space.to_values(self.u).tolist(), strict=True))
+            values = self.problem.space.named(self.u)
             self.path.append(Improvement(time.perf_counter() - self.began, self.count, cost, values))
         if self.count >= self.budget:
             raise OutOfBudget
@@ -150,8 +150,7 @@ def search(
         KeyError: an unknown method.
     """
     objective = Objective(problem, simulations)
-    before, values = problem.simulations, problem.start | dict(start or {})
-    u = problem.space.to_search(np.array([values[name] for name in problem.names], dtype=float))
+    before, u = problem.simulations, problem.space.to_search(problem.start | dict(start or {}))
     try:
         done = METHODS[method](objective, u, seed)
     except OutOfBudget:
@@ -160,8 +159,8 @@ def search(
     state = objective.state(objective.u, derivatives=True) if objective.path else None
     count = problem.simulations - before
     if state is None:
-        return failed(problem, seconds, count, method)
+        return replace(failed(problem, seconds, count), estimator=method)
     minimum = Minimum(state, objective.models, "converged" if done else BUDGET)
-    found = finish(problem, minimum, dict(problem.sigmas), seconds, count, estimator=method, profiles=False)
+    found = finish(problem, minimum, dict(problem.sigmas), seconds, count, profiles=False)
     outcome = found.outcome if done else STOPPED
-    return replace(found, outcome=outcome, minimum=None, path=tuple(objective.path))
+    return replace(found, estimator=method, outcome=outcome, minimum=None, path=tuple(objective.path))

@@ -41,9 +41,8 @@ class Bound:
     @classmethod
     def at(cls, space: Space, u: np.ndarray, information: np.ndarray) -> Bound:
         """The bound at a search vector u, shape (n,), from the information on it."""
-        values = dict(zip(space.names, space.to_values(u).tolist(), strict=True))
         covariance = covariance_of(space, u, information, untold(space, u, information))
-        return cls(space.names, values, covariance, space, information)
+        return cls(space.names, space.named(u), covariance, space, information)
 
     @property
     def std(self) -> dict[str, float]:
@@ -70,9 +69,9 @@ class Bound:
     def __str__(self) -> str:
         width = max(map(len, self.names))
         lines = ["least standard errors of any unbiased estimator"]
-        for (name, value), s in zip(self.values.items(), self.std.values(), strict=True):
-            share = f" ({100 * s / abs(value):.2g} %)" if value and np.isfinite(s) else ""
-            lines.append(f"  {name:{width}s} {value:.6g} +- {s:.3g}{share}")
+        for name, s in self.std.items():
+            share = f" ({100 * self.relative[name]:.2g} %)" if np.isfinite(self.relative[name]) else ""
+            lines.append(f"  {name:{width}s} {self.values[name]:.6g} +- {s:.3g}{share}")
         return "\n".join([*lines, *("  " + sentence for sentence in self.advice)])
 
 
@@ -90,9 +89,8 @@ def bound(
     Initial states, and with ``inputs="joint"`` the paths of the noisy inputs, are unknown too and eliminated.
 
     Args:
-        mechanism: the model.
+        mechanism, values: the model, and parameters at which the bound holds, by name, SI units.
         recording: its times and inputs count; simulated without noise or measured.
-        values: parameters at which the bound holds, by name.
         sigmas: noise standard deviations by signal, SI units; None: estimated from the recording.
         inputs: "joint" (as noisy as they are measured) or "known" (exact).
         options: of :class:`Problem`: free, fixed, initial, windows.
@@ -115,7 +113,7 @@ def bound_of(problem: Problem, values: Mapping[str, float]) -> Bound:
             raise UserError("parameter without a value", where=f"values.{name}", received=values.get(name),
                             fix="give the value at which to plan, or hold it: fixed={name: value}")  # fmt: skip
     own = problem.varied(limits=problem.space.reaching(values))
-    u = own.space.to_search(np.array([float(values[name]) for name in own.names]))
+    u = own.space.to_search(values)
     models = own.models_at(u)
     evaluate = own.evaluator(models, prior=False)
     state = evaluate(u, [model.local[: model.size(own.joint)] for model in models], True)
@@ -154,7 +152,6 @@ def rank_experiments(
     sigmas: Mapping[str, float],
     present: Recording | None = None,
     target: str | None = None,
-    inputs: str = "joint",
     **options: Any,
 ) -> list[Ranked]:
     """Rank candidate excitations by the bound that they would give when added to the present data; best first.
@@ -162,33 +159,31 @@ def rank_experiments(
     Information adds over trials, so that each candidate is simulated once.
 
     Args:
-        mechanism: the model.
-        values: parameters at which to plan, by name (an estimate's).
+        mechanism, values: the model, and parameters at which to plan, by name (an estimate's), SI units.
         candidates: trials as in the configuration: ``duration``, an expression of time for every driven coordinate
             and input, ``initial``, ``constants``.
-        rate_hz: samples per second.
-        sigmas: noise standard deviations by signal, SI units.
+        rate_hz, sigmas: samples per second, and noise standard deviations by signal, SI units.
         present: recording at hand; None: the experiment stands alone.
         target: parameter whose standard error ranks; None: the volume of the confidence region (D-optimal).
-        inputs, options: see :func:`bound`.
+        options: see :func:`bound`.
 
     Raises:
         UserError: an unknown target, or a candidate that cannot be read.
     """
     base = None
     if present is not None:
-        base = bound(mechanism, present, values, sigmas=sigmas, inputs=inputs, **options)
+        base = bound(mechanism, present, values, sigmas=sigmas, **options)
     ranked, own_values = [], dict(options.get("fixed") or {}) | dict(values)
     for candidate in candidates:
         try:
             recording = simulate_trials(mechanism, own_values, [candidate], rate_hz)
-            own = bound(mechanism, recording, values, sigmas=sigmas, inputs=inputs, **options)
+            own = bound(mechanism, recording, values, sigmas=sigmas, **options)
         except (ContactLost, SimulationFailed) as error:
             ranked.append(Ranked(candidate, {}, 0.0, str(error)))
             continue
         if target is not None and target not in own.names:
             raise UserError("unknown target", where="target", received=target, allowed=", ".join(own.names))
-        u = own.space.to_search(np.array([own.values[name] for name in own.names]))
+        u = own.space.to_search(own.values)
         before = base.information if base is not None else np.zeros_like(own.information)
         total = Bound.at(own.space, u, before + own.information)
         with np.errstate(divide="ignore"):

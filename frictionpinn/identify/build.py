@@ -12,9 +12,9 @@ from ..data.recording import Trial
 from ..errors import UserError
 from ..numerics.paths import DEGREE, InputPath
 from ..numerics.simulate import Simulator
-from ..numerics.spline_basis import PathBasis, choose_basis
+from ..numerics.spline_basis import NoisyInput, PathBasis, choose_basis
 from ..physics.mechanism import Mechanism
-from .trial import NoisyInput, TrialModel
+from .trial import TrialModel
 
 MOST_COEFFICIENTS = 150  # of one input in one window; a signal that needs more is interpolated as measured
 MOST_OF_A_MOTION = 300  # the same for a driven coordinate
@@ -48,8 +48,8 @@ class Channels:
         motions = tuple((c.signals, tuple(names.index(name) for name in c.signals)) for c in mechanism.driven)
         for signals, _ in motions:
             if not recorded.intersection(signals):
-                raise UserError("missing input signal", where="recording", received=", ".join(sorted(recorded)),
-                                allowed=f"at least one of {', '.join(signals)}",
+                allowed, received = f"at least one of {', '.join(signals)}", ", ".join(sorted(recorded))
+                raise UserError("missing input signal", where="recording", received=received, allowed=allowed,
                                 fix="record the driven coordinate")  # fmt: skip
         plain: list[tuple[str, int]] = []
         if mechanism.system.massless:
@@ -64,9 +64,8 @@ class Channels:
             ]
         if not outputs:
             wanted = [name for c in mechanism.free for name in c.signals] or [i.name for i in mechanism.system.inputs]
-            raise UserError("nothing to compare the model with", where="recording",
-                            received=", ".join(sorted(recorded)),
-                            allowed=f"at least one of {', '.join(wanted)}")  # fmt: skip
+            allowed, received = f"at least one of {', '.join(wanted)}", ", ".join(sorted(recorded))
+            raise UserError("nothing to compare the model with", where="recording", received=received, allowed=allowed)
         return cls(outputs, motions, tuple(plain))
 
     @property
@@ -84,9 +83,7 @@ def trial_model(
     coefficients and all three of its signals were measured; other inputs only where they are taken as noisy.
 
     Args:
-        trial: what was measured.
-        simulator: of the mechanism.
-        channels: its signals.
+        trial, simulator, channels: what was measured, of which mechanism, and which signals count.
         sigmas: signal -> noise standard deviation, SI units.
         rest: whether the trial starts at rest; else its initial velocities and bristle state are unknown, too.
         noisy: whether other inputs than motions are splines.

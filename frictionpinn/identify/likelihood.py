@@ -2,8 +2,7 @@
 
 Two things make this likelihood rugged. Errors add up over a trial: a static friction a little off moves a stop, and all
 that follows is another motion. And what is sampled jumps: a stop one sample late costs the whole jump of the
-acceleration, and a small change of the parameters changes nothing. Averaged over a stretch of time, the same residual
-grows with the time by which the stop is late: a descent finds the way. So the search goes
+acceleration, and a small change of the parameters changes nothing. So the search goes
 
 1. over short windows, each begun anew from what was measured, at a coarse resolution in time: a design over what the
    sliding samples do not tell, the best refined (:func:`frictionpinn.identify.start.find_start`);

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -15,15 +14,14 @@ from scipy.signal import find_peaks
 from ..numerics.motion_function import motion_function
 from ..numerics.smoothing import Coordinate
 from ..numerics.spline_basis import smooth_together
-from ..physics.base import Parameter
 from ..physics.mechanism import Mechanism
-from ..physics.scan import DECADES, Scan, data_scales
+from ..physics.scan import DECADES, data_scales
+from ..physics.sizes import Sizes
 from .trial import TrialModel
 
 SLIDING = 0.15  # of the largest slip velocity: faster samples count as sliding
 CLEAR = 4.0  # and of the velocity's noise, in standard deviations
 SHORTEST = 24  # samples in a window between two peaks of the slip velocity
-FACTOR = re.compile(r"([*/]?)(\{?[A-Za-z]+\}?|1)(?:\^(\d+))?")  # of a unit
 NUDGE = 0.3  # of its size: where a strength starts whose effect has a shape to find as well
 WEAKEST = 0.01  # of the larger of dry and viscous friction: where the smaller one starts at least
 
@@ -54,25 +52,25 @@ class Motion:
     @property
     def normal(self) -> np.ndarray:
         """Normal force, shape (n,), as far as the motion tells it."""
-        mechanism = self.model.simulator.mechanism
-        return motion_function(mechanism.system, mechanism.system.N)(self.signals, _typical(mechanism))
+        return self._samples(self.model.simulator.mechanism.system.N)
 
     @property
     def position(self) -> np.ndarray:
         """Slip position, shape (n,); the integral of the slip velocity where no expression gives it."""
-        mechanism = self.model.simulator.mechanism
-        if mechanism.system.slip_position is None:
+        position = self.model.simulator.mechanism.system.slip_position
+        if position is None:
             return cumulative_trapezoid(self.v_slip, self.model.t, initial=0.0)
-        return motion_function(mechanism.system, mechanism.system.slip_position)(self.signals, _typical(mechanism))
+        return self._samples(position)
+
+    def _samples(self, expr: sp.Expr) -> np.ndarray:
+        mechanism = self.model.simulator.mechanism
+        return motion_function(mechanism.system, expr)(self.signals, _typical(mechanism))
 
 
 def smoothed(mechanism: Mechanism, models: Sequence[TrialModel], sigmas: Mapping[str, float]) -> list[Motion]:
-    """Smooth the free coordinates by splines (knots by Bayesian information criterion), the inputs as fitted.
+    """The trials with free coordinates smoothed by splines, the inputs as fitted.
 
-    Args:
-        mechanism: the model.
-        models: of the trials.
-        sigmas: signal -> noise standard deviation, SI units.
+    ``sigmas`` are noise standard deviations by signal, SI units.
     """
     signals = [dict(model.path(model.local).signals) for model in models]
     measured = [dict(zip(model.outputs, model.y, strict=True)) for model in models]
@@ -92,52 +90,6 @@ def smoothed(mechanism: Mechanism, models: Sequence[TrialModel], sigmas: Mapping
     noise = max([sigmas[c.signals[1]] for c in mechanism.free if c.signals[1] in sigmas], default=0.0)
     threshold = max(SLIDING * largest, min(CLEAR * noise, 0.5 * largest))
     return [Motion(m, own, v, np.abs(v) > threshold) for m, own, v in zip(models, signals, slips, strict=True)]
-
-
-class Sizes:
-    """Orders of magnitude of force, slip, speed and time in a recording, and of parameters that follow from them.
-
-    Args:
-        mechanism: the model.
-        motions: smoothed trials.
-        force: dry friction force, in the system's unit of force.
-    """
-
-    def __init__(self, mechanism: Mechanism, motions: Sequence[Motion], force: float):
-        speed = [motion.v_slip for motion in motions]
-        self.scales = data_scales(
-            [motion.model.t for motion in motions], [motion.position for motion in motions], speed,
-            [np.ones(1) * mean_load(motions)],
-        )  # fmt: skip
-        stroke = self.scales["stroke"][1] or 1.0
-        velocity = float(np.sqrt(np.mean(np.concatenate(speed) ** 2))) or 1.0
-        time, turns = stroke / velocity, mechanism.system.slip_unit == "rad"
-        length = 1.0 if turns else stroke  # a rotating system's lengths are levers
-        self.base = {
-            "1": 1.0, "s": time, "Hz": 1 / time, "m": length, "rad": stroke if turns else 1.0, "N": force,
-            "{F}": force, "{L}": stroke, "kg": force * time**2 / (length if not turns else stroke),
-        }  # fmt: skip
-
-    def of(self, par: Parameter) -> float:
-        """Size of a parameter, SI unit: of the values that its effect would scan, else of its unit."""
-        if par.scan is not None:
-            low, high = self.ends(par.scan)
-            size = (high - low) / 4 if par.scan.spacing == "linear" else float(np.sqrt(low * high))
-        else:
-            size = 1.0
-            for sign, name, power in FACTOR.findall(par.unit):
-                size *= self.base[name] ** (int(power or 1) * (-1 if sign == "/" else 1))
-        return min(size, par.high) if par.high > 0 else size
-
-    def ends(self, scan: Scan) -> tuple[float, float]:
-        """Least and largest value of a scan, SI units."""
-        values = scan.values(self.scales)
-        return float(values[0]), float(values[-1])
-
-
-def mean_load(motions: Sequence[Motion]) -> float:
-    """Mean normal force, in the system's unit of force."""
-    return max(float(np.mean([np.mean(np.abs(motion.normal)) for motion in motions])), 1e-12)
 
 
 @dataclass(frozen=True)
@@ -169,10 +121,11 @@ class Scales:
         found = _sliding_regression(mechanism, motions, known, names)
         known |= found
         mass = _effective_mass(mechanism, motions, known)
-        velocity = float(np.sqrt(np.mean(np.concatenate([motion.v_slip for motion in motions]) ** 2))) or 1.0
+        slips = [motion.v_slip for motion in motions]
+        velocity = float(np.sqrt(np.mean(np.concatenate(slips) ** 2))) or 1.0
         rates = np.concatenate([np.gradient(motion.v_slip, motion.model.t) for motion in motions])
         acceleration = float(np.sqrt(np.mean(rates**2))) or 1.0
-        load = mean_load(motions)
+        load = max(float(np.mean([np.mean(np.abs(motion.normal)) for motion in motions])), 1e-12)
         shares = {name: unit for name, unit in (("mu_c", load), ("sigma_2", velocity)) if name in found}
         largest = max((found[name] * unit for name, unit in shares.items()), default=0.0)
         alone = {name: largest / unit for name, unit in shares.items()}
@@ -185,7 +138,9 @@ class Scales:
             "mu_c": mu_c, "mu_s": 1.5 * mu_c, "v_s": 0.02 * velocity, "sigma_0": stiffness, "sigma_1": damping,
             "sigma_2": 0.1 * force / velocity,
         }  # fmt: skip
-        sizes = Sizes(mechanism, motions, max(force, largest))
+        times, places = [motion.model.t for motion in motions], [motion.position for motion in motions]
+        scales = data_scales(times, places, slips, [np.ones(1) * load])
+        sizes = Sizes(scales, velocity, max(force, largest), mechanism.system.slip_unit == "rad")
         declared = {par.name for par in (*mechanism.system.parameters, *mechanism.law.parameters)}
         for effect in mechanism.effects:
             own = effect.parameters_on(mechanism.system, mechanism.law)
@@ -194,8 +149,7 @@ class Scales:
                 if par.name in declared or par.name not in names:
                     continue
                 if par.scan is not None and par.hidden:
-                    low, high = sizes.ends(par.scan)
-                    rough[par.name] = (low + high) / 2 if par.scan.spacing == "linear" else float(np.sqrt(low * high))
+                    rough[par.name] = sizes.middle(par.scan)
                 elif par.neutral is None:
                     rough[par.name] = float(par.value or 1.0)
                 else:

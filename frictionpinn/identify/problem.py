@@ -17,9 +17,10 @@ from ..numerics.paths import DEGREE
 from ..numerics.simulate import ContactLost, SimulationFailed, Simulator
 from ..numerics.smoothing import difference_sigma
 from ..physics.mechanism import Mechanism
+from ..physics.sizes import Sizes
 from .build import Channels, trial_model
 from .loss import LOSSES, choose_loss
-from .motion import Scales, Sizes, default_bounds, smoothed
+from .motion import Scales, default_bounds, smoothed
 from .solve import Evaluate, State
 from .space import Prior, Space
 from .trial import Piece, TrialModel
@@ -33,8 +34,7 @@ class Problem:
     """What every estimator minimises.
 
     Args:
-        mechanism: the model.
-        recording: what was measured.
+        mechanism, recording: the model, and what was measured.
         free: parameters to estimate; by default those of the friction law. Strengths and shapes of effects are held
             unless they are named here.
         bounds: name -> (low, high), SI units; by default wide around what the recording suggests.
@@ -82,10 +82,8 @@ class Problem:
         mechanism.check_values(fixed or {}, "fixed")
         law = [par.name for par in mechanism.law.parameters if par.value is None]
         names = tuple(free) if free is not None else tuple(n for n in law if n not in (fixed or {}))
-        defaults = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values
-        self.fixed = {
-            k: float(v) for k, v in (defaults | dict(fixed or {})).items() if v is not None and k not in names
-        }
+        held = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values | dict(fixed or {})
+        self.fixed = {name: float(v) for name, v in held.items() if v is not None and name not in names}
         trials = recording.cut(windows, longest=LONG_TRIAL, least=DEGREE + 3)
         self.channels = Channels.of(mechanism, set().union(*(trial.signals for trial in trials)))
         self.given = dict(sigmas or {})
@@ -134,13 +132,11 @@ class Problem:
 
         Args:
             names: free parameters; the others are held.
-            values: name -> where a parameter starts or is held, SI units; hidden parameters of effects that have one
-                are not searched over their range.
+            values: name -> where a parameter starts or is held, SI units: no range is searched for its start.
             simulator: of the mechanism to fit: this one, with other effects.
             limits: name -> bounds, SI units; others keep theirs, or have those that the values suggest.
             sizes: how large parameters are, where the mechanism has others.
-            sigmas: signal -> noise standard deviation that is known, SI units; the others' levels stay and are
-                estimated.
+            sigmas: signal -> noise standard deviation that is known, SI units; other levels stay and are estimated.
             trials: models of the trials, where these have other unknowns.
             joint: whether the paths of noisy inputs are unknown, too.
             prior: whether what is known beforehand counts; once left out it stays so.
@@ -153,9 +149,7 @@ class Problem:
         if simulator is not None:
             made.simulator, made.mechanism = simulator, simulator.mechanism
             made.trials = tuple(replace(model, simulator=simulator) for model in self.trials)
-            made.motions = [
-                replace(motion, model=replace(motion.model, simulator=simulator)) for motion in self.motions
-            ]
+            made.motions = [replace(m, model=replace(m.model, simulator=simulator)) for m in self.motions]
         made.trials = made.trials if trials is None else tuple(trials)
         made.joint = self.joint if joint is None else joint
         if sigmas is not None:
@@ -165,8 +159,7 @@ class Problem:
         made.fixed = {name: value for name, value in known.items() if name not in wanted}
         made.shapes = tuple(name for name in self.shapes if name in wanted and name not in values)
         made.scales = replace(self.scales, start=made.start, sizes=sizes or self.scales.sizes)
-        bounds: dict[str, Any] = dict(zip(self.names, zip(self.space.low, self.space.high, strict=True), strict=True))
-        made.space = made._space(wanted, bounds | dict(limits or {}), made.scales)
+        made.space = made._space(wanted, self.space.bounds | dict(limits or {}), made.scales)
         made.names = made.space.names
         made.prior = Prior.of(made.space, self.prior.expected if prior else {}, made.fixed)
         return made
@@ -192,7 +185,7 @@ class Problem:
     # the model's distance from the data -----------------------------------------------------------------------
     def values(self, u: np.ndarray) -> dict[str, float]:
         """All parameters by name, SI units, at the search vector u."""
-        return self.fixed | dict(zip(self.names, self.space.to_values(u).tolist(), strict=True))
+        return self.fixed | self.space.named(u)
 
     def models_at(self, u: np.ndarray) -> tuple[TrialModel, ...]:
         """The trials with initial bristle forces that start in equilibrium at the search vector u.
@@ -215,9 +208,9 @@ class Problem:
     ) -> Evaluate:
         """The cost of these trials as a search calls it: evaluate(u, locals, derivatives, ran, width, **options).
 
-        That returns the state at a search vector u, shape (n,), and the unknowns of every trial, with the cost's local
-        model if ``derivatives`` are wanted; None where a trial cannot be simulated. ``ran`` is the state there from
-        ``strict`` simulations: with derivatives, nothing is simulated again. Trials run in parallel.
+        That is the state at a search vector u, shape (n,), and the unknowns of every trial, with ``derivatives`` if
+        wanted; None where a trial cannot be simulated. Where ``ran``, the state there from ``strict`` simulations, is
+        given, nothing is simulated again.
 
         Args:
             models: of the trials.
@@ -225,8 +218,8 @@ class Problem:
             joint: whether the inputs' coefficients are among the unknowns; by default the problem's.
             prior: whether the prior is counted; without it the cost is that of the data alone.
             width: resolution in time at which model and data are compared, s; 0: sample by sample.
-            steps: of the integrator, all trials together, that the search may take: after more nothing is simulated
-                any longer. Only those of this evaluator are counted, which then is for one search.
+            steps: of the integrator, all trials together, after which nothing is simulated any longer; those of this
+                evaluator are counted, which then is for one search.
             options: of the simulator.
         """
         joint, sigmas, spent = self.joint if joint is None else joint, sigmas or self.sigmas, 0

@@ -39,14 +39,12 @@ class Profile:
         return f"{self.name} in [{low:.4g}, {high:.4g}] {self.unit} (95 %); value, rise of the cost:\n{rows}"
 
 
-def profile(problem: Problem, estimate: Estimate, name: str, step: float = STEP) -> Profile:
+def profile(problem: Problem, estimate: Estimate, name: str) -> Profile:
     """Profile likelihood of a parameter around an estimate by maximum likelihood of this problem.
 
     Args:
-        problem: the problem that was solved.
-        estimate: its solution.
+        problem, estimate: what was solved, and its solution.
         name: parameter.
-        step: distance between the values tried, in standard errors.
 
     Raises:
         UserError: an unknown name, or an estimate that failed or came from another method.
@@ -56,16 +54,12 @@ def profile(problem: Problem, estimate: Estimate, name: str, step: float = STEP)
     if name not in problem.names:
         raise UserError("unknown parameter", where="profile", received=name, allowed=", ".join(problem.names))
     if estimate.minimum is None:
-        raise UserError(
-            "no fit to start from", where="profile", received=estimate.outcome, allowed="maximum_likelihood"
-        )
+        raise UserError("no fit to start from", where="profile", received=estimate.outcome, allowed="that of a fit")
     evaluate = problem.evaluator(estimate.minimum.models, estimate.sigmas, prior=False)
-    return profiled(problem, evaluate, estimate.minimum.state, name, step, RISE_95, iterations=15)
+    return profiled(problem, evaluate, estimate.minimum.state, name, RISE_95, iterations=15)
 
 
-def profiled(
-    problem: Problem, evaluate: Evaluate, state: State, name: str, step: float, rise: float, iterations: int
-) -> Profile:
+def profiled(problem: Problem, evaluate: Evaluate, state: State, name: str, rise: float, iterations: int) -> Profile:
     """The profile of a parameter from a fit ``state`` on: every value from the fit at the one before, to either side.
 
     ``evaluate`` is the cost of the data alone; where that has risen by more than ``rise`` the profile ends.
@@ -74,7 +68,7 @@ def profiled(
     prior = problem.prior.distance(state.u)
     found = {state.u[i]: state.cost - 0.5 * float(prior @ prior)}
     curvature = 1 / max(float(invert(reduced(state)[0])[i, i]), 1e-300)
-    size = float(np.clip(step / np.sqrt(max(1e-12, curvature)), 1e-4, LONGEST))
+    size = float(np.clip(STEP / np.sqrt(max(1e-12, curvature)), 1e-4, LONGEST))
     for side in (-1.0, 1.0):
         current = state
         for k in range(1, FARTHEST + 1):

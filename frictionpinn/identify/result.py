@@ -122,19 +122,16 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """What there is to report as plain types for JSON; NaN becomes None."""
+        parameters = {}
+        for name in self.names:
+            ends = [plain(x) for x in self.ci95[name]]
+            value, std = plain(self.values[name]), plain(self.std[name])
+            parameters[name] = {"value": value, "unit": self.units[name], "std": std, "ci95": ends}
         return {
             "estimator": self.estimator,
             "outcome": self.outcome,
             "advice": list(self.advice),
-            "parameters": {
-                name: {
-                    "value": plain(self.values[name]),
-                    "unit": self.units[name],
-                    "std": plain(self.std[name]),
-                    "ci95": [plain(x) for x in self.ci95[name]],
-                }
-                for name in self.names
-            },
+            "parameters": parameters,
             "covariance": [[plain(x) for x in row] for row in self.covariance],
             "correlation": [[plain(x) for x in row] for row in self.correlation],
             "prior": dict(self.prior),
@@ -184,13 +181,11 @@ def verdict(
     """The outcome of an estimation, and sentences on what to do about it.
 
     Args:
-        problem: that was solved.
-        reason: why the search ended.
+        problem, reason: what was solved, and why the search ended.
         p, covariance, ci95: estimates, SI units, shape (n,), their covariance, shape (n, n), and 95 % intervals.
         hidden: parameters that do not show.
         at_limit, at_bound: strengths of effects at a physical limit; parameters at a bound that was given.
-        memory: samples over which residuals stay correlated.
-        white: whether residuals are noise.
+        memory, white: samples over which residuals stay correlated, and whether they are noise.
     """
     space, result, hints = problem.space, [], dict(HINTS)
     for effect in problem.mechanism.effects:
@@ -210,9 +205,8 @@ def verdict(
         if low > least and np.isinf(high):
             result.append(f"{name}: at least {low:.2g}, not told from above: {hint}")
         elif low <= least and np.isfinite(high):
-            result.append(
-                f"{name}: at most {high:.2g}" + (f": {FLAT}" if lower >= 0 else f", not told from below: {hint}")
-            )
+            why = f": {FLAT}" if lower >= 0 else f", not told from below: {hint}"
+            result.append(f"{name}: at most {high:.2g}{why}")
         elif name in hidden or low <= least:
             result.append(f"{name} does not show in these data: {hint}")
     value = dict(zip(space.names, p.tolist(), strict=True))

@@ -1,13 +1,13 @@
 """Descent of a likelihood with a few global unknowns and many that belong to one trial each.
 
-At one resolution in time by Levenberg and Marquardt's method; from a coarse resolution to the single sample, and back
-and down again, where the likelihood is rugged.
+By Levenberg and Marquardt's method; where it is rugged from a coarse resolution in time to the single sample, and back.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -171,8 +171,7 @@ def levenberg_marquardt(
         evaluate: the cost, see :meth:`frictionpinn.identify.Problem.evaluator`.
         start: with derivatives.
         limits: bounds of u.
-        iterations: steps at most.
-        decrease: of the cost that is worth a step.
+        iterations, decrease: steps at most, and what is worth one.
 
     Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05 (1999), for the damping.
     """
@@ -212,24 +211,15 @@ def levenberg_marquardt(
 
 
 def coarse_to_fine(evaluate: Evaluate, first: State, limits: Limits, widths: Sequence[float]) -> Solution | None:
-    """Follow the minimum from a coarse resolution in time to a finer one.
+    """Follow the minimum from the unknowns ``first`` at a coarse resolution in time to a finer one.
 
-    Args:
-        evaluate: the cost, see :meth:`frictionpinn.identify.Problem.evaluator`.
-        first: unknowns to start from.
-        limits: of the global ones.
-        widths: resolutions, s, coarsest first, see :attr:`Problem.resolutions`.
-
-    Returns:
-        the minimum at the last one; None where the model cannot be simulated at the start.
+    Each of ``widths``, s, the coarsest first, starts where the one before ended. Returns the minimum at the last; None
+    where the model cannot be simulated at the start.
     """
     found: Solution | None = None
     state = first
     for width in widths:
-
-        def at(u, locals_, derivatives, width=width, **options):
-            return evaluate(u, locals_, derivatives, width=width, **options)
-
+        at = partial(evaluate, width=width)
         begun = at(state.u, state.locals, True)
         if begun is None:
             return found

@@ -50,8 +50,7 @@ class Space:
         """Check names and bounds against the mechanism's parameters.
 
         Args:
-            mechanism: whose parameters they are.
-            names: free ones.
+            mechanism, names: the parameters, and which are free.
             bounds: name -> (low, high), SI units; the physical range where there are none.
             fixed: name -> value of those that are known, SI units.
             sizes: name -> unit in which it is searched if it may be zero; by default half the width of its bounds.
@@ -72,12 +71,8 @@ class Space:
                 continue
             pair = tuple(float(value) for value in given)
             if len(pair) != 2 or not low[i] <= pair[0] < pair[1] <= high[i]:
-                raise UserError(
-                    "impossible bounds",
-                    where=f"bounds.{name}",
-                    received=pair,
-                    allowed=f"two numbers, the lower first, within {low[i]:g} to {high[i]:g}",
-                )
+                raise UserError("impossible bounds", where=f"bounds.{name}", received=pair,
+                                allowed=f"two numbers, the lower first, within {low[i]:g} to {high[i]:g}")  # fmt: skip
             low[i], high[i] = pair
         below = [-1] * len(ordered)
         for upper, lower in _order(mechanism):
@@ -97,9 +92,10 @@ class Space:
                 scales[i] = (sizes or {}).get(name) or usual
         return cls(ordered, low, high, tuple(below), scales)
 
-    def to_search(self, p: np.ndarray) -> np.ndarray:
-        """Return u, shape (n,), of parameters p, shape (n,); p is moved inside the bounds first."""
-        p = np.clip(p, self.low, self.high)
+    def to_search(self, values: Mapping[str, float] | np.ndarray) -> np.ndarray:
+        """Return u, shape (n,), of parameters, SI units, by name or shape (n,); they are moved inside the bounds."""
+        given = [values[name] for name in self.names] if isinstance(values, Mapping) else values
+        p = np.clip(np.asarray(given, dtype=float), self.low, self.high)
         u = np.empty(len(p))
         for i, lower in enumerate(self.below):
             if self.scales[i]:
@@ -115,6 +111,10 @@ class Space:
         own = self.own(u)
         return np.array([x + (own[lower] if lower >= 0 else 0.0) for x, lower in zip(own, self.below, strict=True)])
 
+    def named(self, u: np.ndarray) -> dict[str, float]:
+        """Return the parameters by name, SI units, at u, shape (n,)."""
+        return dict(zip(self.names, self.to_values(u).tolist(), strict=True))
+
     def own(self, u: np.ndarray) -> np.ndarray:
         """Return p, or its excess over the parameter that it must exceed, SI units, shape (n,), at u, shape (n,)."""
         return np.where(self.scales > 0, u * self.scales, np.exp(np.minimum(u, HUGE)))
@@ -127,10 +127,14 @@ class Space:
                 result[i] += result[lower]
         return result
 
+    @property
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """name -> (low, high), SI units."""
+        return dict(zip(self.names, zip(self.low.tolist(), self.high.tolist(), strict=True), strict=True))
+
     def reaching(self, values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-        """The parameters' bounds by name, moved out as far as these values, SI units."""
-        rows = zip(self.names, self.low.tolist(), self.high.tolist(), strict=True)
-        return {name: (min(low, float(values[name])), max(high, float(values[name]))) for name, low, high in rows}
+        """The bounds moved out as far as these values, SI units."""
+        return {name: (min(low, values[name]), max(high, values[name])) for name, (low, high) in self.bounds.items()}
 
     @property
     def limits(self) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ from scipy.stats import qmc
 from ..numerics.parallel import in_parallel
 from ..numerics.paths import InputPath
 from .problem import Problem
-from .solve import GIVEN, Evaluate, Solution, levenberg_marquardt
+from .solve import GIVEN, Evaluate, Solution, State, levenberg_marquardt
 from .space import Space
 from .trial import TrialModel
 
@@ -68,12 +68,9 @@ def windows_of(problem: Problem) -> tuple[TrialModel, ...]:
                 start["z"] = mu_c * float(motion.normal[i] * np.sign(motion.v_slip[i]))
                 y[:, 0] = np.nan
             base = InputPath(path.names, model.t[part], path.coefficients[i:j], path.session)
-            result.append(
-                replace(
-                    model, trial=f"{model.trial}[{k}]", t=model.t[part], y=y, base=base, inputs=(), states=states,
-                    start=start, directions=None,
-                )
-            )  # fmt: skip
+            known = replace(model, base=base, inputs=(), directions=None)
+            name = f"{model.trial}[{k}]"
+            result.append(replace(known, trial=name, t=model.t[part], y=y, states=states, start=start))
     if len(result) > MOST_WINDOWS:
         chosen = np.random.default_rng(0).choice(len(result), MOST_WINDOWS, replace=False)
         result = [result[k] for k in sorted(chosen)]
@@ -89,7 +86,7 @@ def find_start(
 
     Args:
         problem: what is estimated.
-        given: parameter values, SI units, that are refined beside the search's.
+        given: parameter values, SI units, that are refined as well.
         asis: whether these are a start as they are, too: the inputs' noise may lead the refinement astray.
         width: resolution in time, s; by default the coarsest.
     """
@@ -102,30 +99,28 @@ def find_start(
 
     own: list[Solution] = []
     if given is not None:
-        p = np.array([(problem.start | dict(given))[name] for name in space.names], dtype=float)
-        own = search(evaluator, space, locals_, [p], 1, iterations=20, decrease=0.3)
-        there = evaluator(range(len(windows)))(space.to_search(p), locals_, False) if asis else None
+        u = space.to_search(problem.start | dict(given))
+        own = search(evaluator, space, locals_, [u], 1, iterations=20, decrease=0.3)
+        there = evaluator(range(len(windows)))(u, locals_, False) if asis else None
         if there is not None:
             own.append(Solution(there, GIVEN))
     found = search(evaluator, space, locals_, coarse_design(problem), 2, iterations=6, decrease=2.0)
     if found and {"mu_s", "v_s"} <= set(space.names):
         best = found[0].state
-        grid = ridge_grid(space, space.to_values(best.u), problem.fixed)
+        grid = ridge_grid(space, best.u, problem.fixed)
         found += search(evaluator, space, best.locals, grid, 2, iterations=15, decrease=0.3)
     return sorted([*own, *found], key=lambda solution: solution.state.cost)
 
 
 def coarse_design(problem: Problem) -> list[np.ndarray]:
-    """Parameter vectors, SI units, spread evenly (Sobol) over the bounds of what the sliding samples do not tell.
-
-    That is a law's behaviour near rest, and hidden parameters of effects, which tell little from afar either.
+    """Search vectors, spread evenly (Sobol) over what the sliding samples do not tell: friction near rest, and hidden
+    parameters of effects, which tell little from afar either.
     """
     space, start, fixed = problem.space, problem.start, problem.fixed
     mass, alone = problem.scales.mass, problem.scales.alone
     dims = [name for name in (*DESIGNED, *problem.shapes) if name in space.names]
     points = qmc.Sobol(max(len(dims), 1), seed=0).random(SIZES.get(len(dims), LARGEST))
-    low, high = dict(zip(space.names, space.low, strict=True)), dict(zip(space.names, space.high, strict=True))
-    signed = {name for name, scale in zip(space.names, space.scales, strict=True) if scale}
+    bounds, signed = space.bounds, [name for name, scale in zip(space.names, space.scales, strict=True) if scale]
     dry, result = alone.get("mu_c", 0.0), []
     for k, point in enumerate(points):
         p = dict(start)
@@ -138,60 +133,49 @@ def coarse_design(problem: Problem) -> list[np.ndarray]:
             elif name == "mu_s":
                 p[name] = p.get("mu_c", fixed.get("mu_c", 1.0)) * _between(*STATIC_RATIO, x)
             elif name in signed:
-                p[name] = low[name] + x * (high[name] - low[name])
+                p[name] = bounds[name][0] + x * (bounds[name][1] - bounds[name][0])
             else:
-                p[name] = _between(low[name], high[name], x)
+                p[name] = _between(*bounds[name], x)
         result.append(p)
     if not dims:  # what one kind of friction does not explain may be another's
-        for name in [name for name in alone if name in space.names]:
-            others = {other: start[other] * WEAKER for other in alone if other != name and other in space.names}
-            result.append({**start, name: alone[name]} | others)
-    return [np.array([p[name] for name in space.names]) for p in result]
+        kinds = [name for name in alone if name in space.names]
+        for name in kinds:
+            result.append(start | {other: WEAKER * start[other] for other in kinds} | {name: alone[name]})
+    return [space.to_search(p) for p in result]
 
 
-def ridge_grid(space: Space, p: np.ndarray, fixed: Mapping[str, float]) -> list[np.ndarray]:
-    """Parameter vectors, SI units, that differ from p in mu_s / mu_c and v_s."""
-    i, j = space.names.index("mu_s"), space.names.index("v_s")
-    mu_c = p[space.names.index("mu_c")] if "mu_c" in space.names else fixed["mu_c"]
-    speeds = np.geomspace(space.low[j], space.high[j], RIDGE[1])
+def ridge_grid(space: Space, u: np.ndarray, fixed: Mapping[str, float]) -> list[np.ndarray]:
+    """Search vectors that differ from u in mu_s / mu_c and v_s."""
+    p = space.named(u)
+    mu_c, speeds = p.get("mu_c", fixed.get("mu_c")), np.geomspace(*space.bounds["v_s"], RIDGE[1])
     pairs = [(ratio, v_s) for ratio in np.geomspace(*STATIC_RATIO, RIDGE[0]) for v_s in speeds]
-    pairs.append((FLAT_RATIO, p[j]))  # no rise towards rest: a law that has too much
-    result = []
-    for ratio, v_s in pairs:
-        result.append(p.copy())
-        result[-1][i], result[-1][j] = ratio * mu_c, v_s
-    return result
+    pairs.append((FLAT_RATIO, p["v_s"]))  # no rise towards rest: a law that has too much
+    return [space.to_search(p | {"mu_s": ratio * mu_c, "v_s": v_s}) for ratio, v_s in pairs]
 
 
 def search(
     evaluator: Evaluator,
     space: Space,
     locals_: Sequence[np.ndarray],
-    points: Sequence[np.ndarray],
+    us: Sequence[np.ndarray],
     best: int,
     iterations: int,
     decrease: float,
 ) -> list[Solution]:
-    """Rank parameter vectors by a cheap simulation and refine the best few; lowest cost first.
+    """Rank search vectors by a cheap simulation and refine the best few; lowest cost first.
 
-    Args:
-        evaluator: cost of some of the windows.
-        space: of the parameters.
-        locals_: local unknowns that every vector starts with.
-        points: parameter vectors, SI units.
-        best: how many are refined; those that are far behind the best after a few iterations no further.
-        iterations: of each at most.
-        decrease: of the cost that ends a refinement.
+    Every refinement starts with the local unknowns ``locals_`` and has so many ``iterations``, but those that are far
+    behind the best after a few no more.
     """
     evaluate = evaluator(range(len(locals_)))
-    us = lowest(evaluator, locals_, [space.to_search(p) for p in points], best)
+    us = lowest(evaluator, locals_, us, best)
+
+    def refined(first: State, count: int) -> Solution:
+        return levenberg_marquardt(evaluate, first, space.limits, iterations=count, decrease=decrease)
 
     def begun(k: int) -> Solution | None:
         first = evaluate(us[k], locals_, True)
-        few = min(iterations, BEGUN)
-        if first is None:
-            return None
-        return levenberg_marquardt(evaluate, first, space.limits, iterations=few, decrease=decrease)
+        return None if first is None else refined(first, min(iterations, BEGUN))
 
     found = [solution for solution in in_parallel(begun, [1.0] * len(us)) if solution is not None]
     least = min((solution.state.cost for solution in found), default=np.inf)
@@ -199,8 +183,7 @@ def search(
     def finished(k: int) -> Solution:
         if iterations <= BEGUN or found[k].reason == "converged" or found[k].state.cost > least + BEHIND:
             return found[k]
-        more = iterations - BEGUN
-        return levenberg_marquardt(evaluate, found[k].state, space.limits, iterations=more, decrease=decrease)
+        return refined(found[k].state, iterations - BEGUN)
 
     return sorted(in_parallel(finished, [1.0] * len(found)), key=lambda solution: solution.state.cost)
 

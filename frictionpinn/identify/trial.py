@@ -13,30 +13,11 @@ from ..numerics.gram import combined, gram
 from ..numerics.paths import Directions, InputPath
 from ..numerics.resolution import averaged, samples_within
 from ..numerics.simulate import Simulation, Simulator
-from ..numerics.spline_basis import PathBasis
+from ..numerics.spline_basis import NoisyInput
 from .loss import Loss
 
 RELATIVE_FLOOR = 1e-12  # of the largest diagonal entry: keeps what no signal sees from making a matrix singular
 REACH = 2.0  # times the largest friction force: how far from zero the initial bristle force may be
-
-
-@dataclass(frozen=True)
-class NoisyInput:
-    """A measured input whose path is a spline: columns of u, measured signals, fitted coefficients.
-
-    Attributes:
-        names: its signals.
-        columns: their places in u.
-        basis: the spline's basis.
-        y: measured signals, shape (len(names), n), NaN where missing.
-        coefficients: least-squares fit to them alone, shape (basis.size,).
-    """
-
-    names: tuple[str, ...]
-    columns: tuple[int, ...]
-    basis: PathBasis
-    y: np.ndarray
-    coefficients: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -46,8 +27,8 @@ class Piece:
     Attributes:
         cost: half the sum of squares (or of the robust cost).
         residuals: signal -> model minus measurement, shape (n,), SI units.
-        gg, gl, ll: blocks of the Gauss-Newton matrix; empty without derivatives.
-        grad_g, grad_l: gradient; empty without derivatives.
+        gg, gl, ll: blocks of the Gauss-Newton matrix, (n_g, n_g), (n_g, n_l), (n_l, n_l); empty without derivatives.
+        grad_g, grad_l: gradient, (n_g,), (n_l,); empty without derivatives.
         run: the simulation, where it was asked to be ``strict``: derivatives can be added to it.
         steps: that the integrator took for it.
     """
@@ -71,8 +52,7 @@ class TrialModel:
         simulator: of the mechanism.
         trial: name of the trial (and window).
         t: times, s, shape (n,).
-        outputs: name of a measured signal -> name of the model's, ("x" -> "x"; "force" -> "F" of a damper
-            without effects).
+        outputs: measured signal -> the model's ("x" -> "x"; "force" -> "F" of a damper without effects).
         y: measured outputs, shape (n_out, n), NaN where missing.
         base: input path without the noisy inputs.
         inputs: noisy inputs.
@@ -211,20 +191,15 @@ class TrialModel:
         width: float = 0.0,
         **options: Any,
     ) -> Piece:
-        """Cost of the trial, and with ``names`` of free parameters its derivatives.
-
-        Those in the parameters are in their own units, those in the initial bristle in the bristle force's.
+        """Cost of the trial, and with ``names`` of free parameters its derivatives, in SI units.
 
         Args:
-            p: all parameters, SI units.
-            local: local unknowns; without the inputs' coefficients, these are as fitted to the inputs alone.
-            sigmas: signal -> noise standard deviation, SI units.
-            loss: of the residuals.
+            p, local: all parameters, SI units, and the local unknowns.
+            sigmas, loss: noise standard deviations by signal, SI units, and what a residual in these units costs.
             names: parameters to differentiate by.
-            joint: whether the inputs' coefficients are among the unknowns.
-            ran: a strict simulation there.
+            joint: whether the inputs' coefficients are among the unknowns; else they are as fitted to the inputs.
+            ran, options: see :meth:`simulate`.
             width: resolution in time at which the outputs are compared, s; 0: sample by sample.
-            options: of the simulator.
 
         Raises:
             ContactLost, SimulationFailed: the model cannot be simulated there.
@@ -235,7 +210,7 @@ class TrialModel:
         residuals = {name: row - y for name, row, y in zip(self.outputs, model, self.y, strict=True)}
         scale = np.array([sigmas[name] for name in self.outputs])
         measured, half = np.where(np.isnan(self.y), 0.0, 1.0), samples_within(self.t, width)
-        r = _without_gaps((model - self.y) / scale[:, None])
+        r = _filled((model - self.y) / scale[:, None])
         if half:
             r = averaged(np.ascontiguousarray(r[:, :, None]), measured, half)[:, :, 0]
         cost = loss.cost(r)
@@ -260,7 +235,7 @@ class TrialModel:
             residuals.update(zip(item.names, difference, strict=True))
             if not joint:
                 continue
-            r_in = _without_gaps(difference / levels[:, None])
+            r_in = _filled(difference / levels[:, None])
             cost += loss.cost(r_in)
             if names:
                 own = slice(first, first + item.basis.size)
@@ -276,7 +251,7 @@ class TrialModel:
         return Piece(cost, residuals, H[:n_g, :n_g], H[:n_g, n_g:], ll, gradient[:n_g], grad_l, steps=steps)
 
 
-def _without_gaps(r: np.ndarray) -> np.ndarray:
+def _filled(r: np.ndarray) -> np.ndarray:
     """Residuals with zeros where nothing was measured, in place (np.nan_to_num takes ten times as long)."""
     r[np.isnan(r)] = 0.0
     return r

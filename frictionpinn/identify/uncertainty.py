@@ -8,11 +8,12 @@ import numpy as np
 
 from ..numerics.whiteness import correlation_time
 from .problem import Problem
-from .profile import RISE_95, STEP, profiled
+from .profile import RISE_95, profiled
 from .result import CORRELATED, FAILED, Estimate, Minimum, verdict
 from .solve import BUDGET, Evaluate, Limits, Solution, State, invert, moved, reduced
 from .space import Space
 
+ESTIMATOR = "maximum_likelihood"
 NORMAL_95 = 1.959964  # standard deviations to either side that hold 95 %
 UNTOLD = 1.0  # standard error of a logarithm: a 95 % interval of a factor 50
 SHARP = 0.25  # standard error over the value (of mu_s: its excess over mu_c), beyond which a likelihood is no parabola
@@ -32,7 +33,7 @@ def information_of(
     Args:
         minima: best first.
         final: the best after a last refinement, at other noise levels: its cost does not compare with the others'.
-        known: information in each S_k that is no data's, shape (n_g, n_g): the prior's.
+        known: the prior's information, which is taken off each S_k, shape (n_g, n_g).
     """
     best = minima[0].state
     final = final or best
@@ -48,11 +49,8 @@ def information_of(
     if len(parts) == 1:
         return parts[0][1]
     weights = np.exp(np.array([w for _, _, w in parts]) - max(w for _, _, w in parts))
-    weights /= weights.sum()
-    covariance = sum(
-        w * (invert(S) + np.outer(u - final.u, u - final.u)) for w, (u, S, _) in zip(weights, parts, strict=True)
-    )
-    return invert(np.asarray(covariance))
+    covariances = [invert(S) + np.outer(u - final.u, u - final.u) for u, S, _ in parts]
+    return invert(np.tensordot(weights / weights.sum(), covariances, 1))
 
 
 def neighbours(evaluate: Evaluate, state: State, limits: Limits) -> list[State]:
@@ -87,10 +85,7 @@ def widened(space: Space, u: np.ndarray, covariance: np.ndarray, beside: Sequenc
 def untold(space: Space, u: np.ndarray, information: np.ndarray) -> np.ndarray:
     """Mask of the parameters that do not move the output, or no differently than the others, shape (n,).
 
-    Args:
-        space: of the parameters.
-        u: search vector, shape (n,).
-        information: Fisher information of u, shape (n, n).
+    ``information`` is that on the search vector u, shape (n, n).
     """
     T = space.jacobian(u)
     covariance = T @ invert(information) @ T.T
@@ -148,7 +143,6 @@ def finish(
     seconds: float,
     simulations: int,
     *,
-    estimator: str = "maximum_likelihood",
     beside: Sequence[State] = (),
     profiles: bool = True,
     white: bool = True,
@@ -160,11 +154,9 @@ def finish(
     points ``beside`` where the data may tell less, and for residuals that stay correlated.
 
     Args:
-        problem: that was solved.
-        minimum: where the search ended.
+        problem, minimum: what was solved, and where the search ended.
         sigmas: noise levels there, SI units.
         seconds, simulations: that it took.
-        estimator: its name.
         beside: see :func:`neighbours`.
         profiles: whether profiles may be asked for.
         white: whether the residuals are noise.
@@ -174,15 +166,13 @@ def finish(
     low, high = space.limits
     width = np.where(np.isfinite(high - low), np.maximum(high - low, 1e-12), 1.0)
     at = (state.u - low < 1e-4 * width) | (high - state.u < 1e-4 * width)
-    value, ends = dict(zip(names, p.tolist(), strict=True)), [names[i] for i in np.flatnonzero(at)]
+    value, ends = space.named(state.u), [names[i] for i in np.flatnonzero(at)]
     table = {par.name: par for par in problem.mechanism.parameters}
     at_limit = [n for n in ends if table[n].neutral is not None and value[n] in (table[n].low, table[n].high)]
     at_bound = [name for name in ends if name in problem.bounded and name not in at_limit]
 
-    rows = {
-        name: [np.nan_to_num(piece.residuals[name] / sigmas[name]) for piece in state.pieces]
-        for name in problem.channels.outputs
-    }
+    outputs = problem.channels.outputs
+    rows = {name: [np.nan_to_num(piece.residuals[name] / sigmas[name]) for piece in state.pieces] for name in outputs}
     memory = max(correlation_time(own) for own in rows.values())
     factor = memory if memory > CORRELATED else 1.0
     factor *= problem.loss.inflation(np.concatenate([r for own in rows.values() for r in own]))
@@ -200,25 +190,24 @@ def finish(
         if name in at_limit:
             ci95[name] = one_sided(space, state, i, RISE_95 * factor)
         elif profiles and blunt and (slides or not at[i]):
-            ci95[name] = profiled(problem, evaluate, state, name, STEP, RISE_95 * factor, iterations=6).ci95
+            ci95[name] = profiled(problem, evaluate, state, name, RISE_95 * factor, iterations=6).ci95
 
     hidden = [names[i] for i in np.flatnonzero(mask)]
     outcome, advice = verdict(problem, minimum.reason, p, covariance, ci95, hidden, at_limit, at_bound, memory, white)
     return Estimate(
-        estimator, names, value,
-        {name: problem.mechanism.units[name] for name in names}, covariance, ci95, outcome, advice, state.cost,
-        simulations, seconds, sigmas,
+        ESTIMATOR, names, value, {name: problem.mechanism.units[name] for name in names}, covariance, ci95, outcome,
+        advice, state.cost, simulations, seconds, sigmas,
         {model.trial: piece.residuals for model, piece in zip(minimum.models, state.pieces, strict=True)},
         problem.prior.about, minimum,
     )  # fmt: skip
 
 
-def failed(problem: Problem, seconds: float, simulations: int, estimator: str = "maximum_likelihood") -> Estimate:
+def failed(problem: Problem, seconds: float, simulations: int) -> Estimate:
     """The estimate of a problem that could not be simulated at any start."""
     names, nan = problem.names, float("nan")
     advice = "no start within the bounds could be simulated: check bounds, units and the mechanism's parameters"
     return Estimate(
-        estimator, names, dict.fromkeys(names, nan), {name: problem.mechanism.units[name] for name in names},
+        ESTIMATOR, names, dict.fromkeys(names, nan), {name: problem.mechanism.units[name] for name in names},
         np.full((len(names), len(names)), nan), dict.fromkeys(names, (nan, nan)), FAILED, (advice,), nan, simulations,
         seconds, dict(problem.sigmas),
     )  # fmt: skip

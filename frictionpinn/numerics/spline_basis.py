@@ -84,6 +84,25 @@ class PathBasis:
         return coefficients, y - self.design @ coefficients
 
 
+@dataclass(frozen=True)
+class NoisyInput:
+    """A measured input whose path is a spline: columns of u, measured signals, fitted coefficients.
+
+    Attributes:
+        names: its signals.
+        columns: their places in u.
+        basis: the spline's basis.
+        y: measured signals, shape (len(names), n), NaN where missing.
+        coefficients: least-squares fit to them alone, shape (basis.size,).
+    """
+
+    names: tuple[str, ...]
+    columns: tuple[int, ...]
+    basis: PathBasis
+    y: np.ndarray
+    coefficients: np.ndarray
+
+
 def choose_basis(t: np.ndarray, y: np.ndarray, sigmas: np.ndarray, most: int) -> PathBasis | None:
     """Return the basis of least Bayesian information criterion sum_k n_k log(RSS_k / n_k) + p log(sum_k n_k).
 
