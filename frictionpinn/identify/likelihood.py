@@ -37,7 +37,7 @@ RIVAL = 15.0  # log-likelihood over windows: a start that is worse by more is no
 AS_NEAR = 4.0  # log-likelihood at the coarsest resolution: another start that is as near is followed as well
 ELSEWHERE = 0.1  # in log u: starts that are closer are the same
 STIFFNESSES, NEXT = (0.5, 2.0), 3  # times that of the fit; resolutions next to the sample from which they are followed
-MISFIT = 20.0  # times the noise by differences: residuals over windows that are larger set the level
+LOUD = 20.0  # times the noise by differences: residuals over windows that are larger set the level
 NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
 
 Found = tuple[Solution, tuple[TrialModel, ...]]  # where a search ended, and the models of the trials there
@@ -204,7 +204,7 @@ def _sigmas_over_windows(problem: Problem, state: State) -> dict[str, float]:
         r = np.concatenate([piece.residuals[name] for piece in state.pieces])
         r = r[~np.isnan(r)]
         level = problem.loss.sigma(r, len(r)) if len(r) else 0.0
-        result[name] = level if level > MISFIT * result[name] else result[name]
+        result[name] = level if level > LOUD * result[name] else result[name]
     return result
 
 

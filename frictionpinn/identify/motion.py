@@ -21,7 +21,7 @@ from .trial import TrialModel
 
 SLIDING = 0.15  # of the largest slip velocity: faster samples count as sliding
 CLEAR = 4.0  # and of the velocity's noise, in standard deviations
-SHORTEST = 24  # samples in a window between two peaks of the slip velocity
+SHORTEST_WINDOW = 24  # samples in a window between two peaks of the slip velocity
 NUDGE = 0.3  # of its size: where a strength starts whose effect has a shape to find as well
 WEAKEST = 0.01  # of the larger of dry and viscous friction: where the smaller one starts at least
 
@@ -46,8 +46,8 @@ class Motion:
     def edges(self) -> list[int]:
         """Samples between which a window holds one stretch of low speed: peaks of the slip velocity, and the ends."""
         speed, last = np.abs(self.v_slip), len(self.v_slip) - 1
-        peaks, _ = find_peaks(np.where(self.fast, speed, 0.0), distance=SHORTEST)
-        return [0, *(int(k) for k in peaks if SHORTEST <= k <= last - SHORTEST), last]
+        peaks, _ = find_peaks(np.where(self.fast, speed, 0.0), distance=SHORTEST_WINDOW)
+        return [0, *(int(k) for k in peaks if SHORTEST_WINDOW <= k <= last - SHORTEST_WINDOW), last]
 
     @property
     def normal(self) -> np.ndarray:

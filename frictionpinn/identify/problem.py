@@ -26,8 +26,8 @@ from .space import Prior, Space
 from .trial import Piece, TrialModel
 
 LONG_TRIAL = 4000  # samples: a trial with more is cut into windows of about half as many
-COARSEST = 0.25  # of the usual time between two peaks of the slip velocity: a stop is placed better than that
-FINER = 2.0  # factor from one resolution to the next: a minimum lies well within the basin of the next
+COARSE_SHARE = 0.25  # of the usual time between two peaks of the slip velocity: a stop is placed better than that
+REFINEMENT = 2.0  # factor from one resolution to the next: a minimum lies well within the basin of the next
 
 
 class Problem:
@@ -173,9 +173,9 @@ class Problem:
     def resolutions(self) -> list[float]:
         """Resolutions in time at which the model is compared with the data, s, from the coarsest to the sample (0)."""
         times = np.concatenate([np.diff(motion.model.t[motion.edges]) for motion in self.motions])
-        coarsest = COARSEST * float(np.median(times))
-        count = 1 + int(np.log(max(coarsest / self.interval, 1.0)) / np.log(FINER))
-        return [*(coarsest / FINER**k for k in range(count)), 0.0]
+        coarsest = COARSE_SHARE * float(np.median(times))
+        count = 1 + int(np.log(max(coarsest / self.interval, 1.0)) / np.log(REFINEMENT))
+        return [*(coarsest / REFINEMENT**k for k in range(count)), 0.0]
 
     @property
     def interval(self) -> float:

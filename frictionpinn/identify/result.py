@@ -33,7 +33,7 @@ FLAT = (
 BROAD = 0.3  # of the largest slip velocity: a larger Stribeck velocity describes no rise towards rest
 MERGED = 1.05  # times the parameter that another must exceed: below, the two are one
 CORRELATED = 2.0  # samples over which residuals stay correlated before the model is doubted
-TOGETHER = 0.95  # correlation beyond which two parameters are hardly separated
+INSEPARABLE = 0.95  # correlation beyond which two parameters are hardly separated
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ def sentences(names: tuple[str, ...], correlation: np.ndarray, hints: Mapping[st
     for i, first in enumerate(names):
         for j in range(i):
             r = correlation[i, j]
-            if abs(r) > TOGETHER:
+            if abs(r) > INSEPARABLE:
                 hint = hints.get(first) or hints.get(names[j]) or VARY
                 result.append(f"{names[j]} and {first} move together (correlation {r:.2f}): {hint}")
     return result

@@ -19,7 +19,7 @@ from .trial import Piece
 
 LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
 FAINT = 0.01  # added to the curvature in log u: that of an unknown told to ten powers of e, which tells nothing
-STUCK, PATIENCE = 1e12, 5  # damping beyond which no step will help; rejected steps in a row
+STUCK, MOST_REJECTED = 1e12, 5  # damping beyond which no step will help; rejected steps in a row
 TRUSTED = 0.75, 1.5  # decrease over that predicted
 SMALL = 5.0  # times the decrease asked for: two steps in a row that gain less end the search (the cost has kinks)
 SAME_MINIMUM = 0.2  # log-likelihood: a point that is as near to a minimum as that lies in it
@@ -198,7 +198,7 @@ def levenberg_marquardt(
             trust = False
             damping, growth = max(damping, 1e-9) * growth, growth * 2
             rejected += 1
-            if damping > STUCK or rejected > PATIENCE:
+            if damping > STUCK or rejected > MOST_REJECTED:
                 return Solution(state, "stuck")
         small = small + 1 if gain < max(1e-10 * state.cost, SMALL * decrease) else 0
         found = better if known else evaluate(better.u, better.locals, True, ran=better)

@@ -25,8 +25,8 @@ from .trial import TrialModel
 
 MOST_WINDOWS = 80  # that the search simulates: enough for a start, however long the recording
 DESIGNED = ("sigma_0", "sigma_1", "mu_s", "v_s")  # what the sliding samples do not tell
-SIZES = {0: 1, 1: 32, 2: 32, 3: 64, 4: 64}  # points of the coarse design by number of such parameters
-LARGEST = 128  # points where there are more
+DESIGN_POINTS = {0: 1, 1: 32, 2: 32, 3: 64, 4: 64}  # points of the coarse design by number of such parameters
+MOST_POINTS = 128  # points where there are more
 FEW = 0.1  # of all the friction: dry friction below is tried as all of it too
 WEAKER = 0.01  # of what it is alone: where one kind of friction starts beside another that is tried as all of it
 DAMPING_RATIO = (0.03, 1.0)
@@ -36,7 +36,7 @@ RIDGE = (6, 8)  # grid over mu_s / mu_c and v_s
 ROUGH: dict[str, Any] = {"rtol": 1e-4, "atol": 1e-5}  # over windows: errors of 1e-5 m/s are far below any noise
 SLOPPY = {"rtol": 1e-3, "atol": 1e-4}  # for ranking
 BEGUN, BEHIND = 6, 60.0  # iterations before refinements are compared; in log-likelihood: given up
-TOGETHER = 2  # points completed at once: not the number of cores, on which no result may depend
+AT_ONCE = 2  # points completed at once: not the number of cores, on which no result may depend
 FIRST = 4  # one window in so many is simulated first: most points of a grid are out after these
 
 Evaluator = Callable[[Sequence[int]], Evaluate]  # indices of windows -> their cost
@@ -119,7 +119,7 @@ def coarse_design(problem: Problem) -> list[np.ndarray]:
     space, start, fixed = problem.space, problem.start, problem.fixed
     mass, alone = problem.scales.mass, problem.scales.alone
     dims = [name for name in (*DESIGNED, *problem.shapes) if name in space.names]
-    points = qmc.Sobol(max(len(dims), 1), seed=0).random(SIZES.get(len(dims), LARGEST))
+    points = qmc.Sobol(max(len(dims), 1), seed=0).random(DESIGN_POINTS.get(len(dims), MOST_POINTS))
     bounds, signed = space.bounds, [name for name, scale in zip(space.names, space.scales, strict=True) if scale]
     dry, result = alone.get("mu_c", 0.0), []
     for k, point in enumerate(points):
@@ -212,7 +212,7 @@ def lowest(
     ranked: list[tuple[float, int]] = []
     least = np.inf
     while begun and (len(ranked) < count or begun[0][0] + least <= ranked[count - 1][0]):
-        now, begun = begun[:TOGETHER], begun[TOGETHER:]
+        now, begun = begun[:AT_ONCE], begun[AT_ONCE:]
         others = [other for other, _ in costs(rest, [k for _, k in now])]
         least = min([least, *others])
         ranked = sorted([*ranked, *((cost + other, k) for (cost, k), other in zip(now, others, strict=True))])

@@ -10,7 +10,7 @@ from scipy.stats import chi2, norm
 LAGS = 20  # of the portmanteau test: ringing that a model places wrongly is as fast as the samples
 SPANS = 4  # spans of the slow test: the longest given, each a fourth of the one before
 OUTLYING = 5.0  # robust standard deviations at which residuals are cut: an outlier is no correlation
-SHORTEST = 20  # samples of a series whose correlation time is worth asking for
+FEWEST = 20  # samples of a series whose correlation time is worth asking for
 SIGNIFICANCE = 1e-4  # of all tests together: one recording of white noise in 10,000 is called something else
 
 
@@ -59,7 +59,7 @@ def correlation_time(residuals: Sequence[np.ndarray]) -> float:
 
     The sum ends at the first autocorrelation below two standard errors.
     """
-    rows = [r for r in residuals if len(r) > SHORTEST]
+    rows = [r for r in residuals if len(r) > FEWEST]
     power = sum(float(r @ r) for r in rows)
     if not rows or power == 0:
         return 1.0
