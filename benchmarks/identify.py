@@ -29,8 +29,8 @@ from matplotlib.figure import Figure
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.recording import Recording
 from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.evaluate.search_methods import METHODS, search
 from frictionpinn.identify import Problem, bound, maximum_likelihood
-from frictionpinn.identify.search_methods import METHODS, search
 from frictionpinn.physics.mechanism import Mechanism
 
 RESULTS = Path(__file__).resolve().parent / "results"
@@ -127,10 +127,10 @@ def search_run(method: str, own: Case, noisy: Recording, bounds: dict, seed: int
         rate = problem.simulations / spent if restart else np.inf  # the first run may end by itself
         allowed = max(2.0, rate * (budget - spent))
         found = search(method, problem, start=random_start(bounds, generator), seed=seed + restart, simulations=allowed)
-        for (seconds, _, cost), p in zip(found.details["trace"], found.details["path"], strict=True):
-            if cost < best:
-                best, values = cost, dict(zip(problem.names, p.tolist(), strict=True))
-                path.append((spent + seconds, own.error(values)))
+        for improvement in found.path:
+            if improvement.cost < best:
+                best, values = improvement.cost, improvement.values
+                path.append((spent + improvement.seconds, own.error(values)))
         if restart == 0:
             first, simulations = (time.perf_counter() - began, own.error(values)), problem.simulations
         restart += 1

@@ -12,7 +12,6 @@ import argparse
 import os
 import platform
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,6 @@ from omegaconf import OmegaConf
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem, bound, maximum_likelihood
-from frictionpinn.identify.likelihood import with_bristle
 from frictionpinn.identify.solve import levenberg_marquardt
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
@@ -45,19 +43,12 @@ def bounds_for(truth: dict[str, float], seed: int) -> dict[str, tuple[float, flo
 
 def cost_from_truth(problem: Problem, truth: dict[str, float], sigmas: dict[str, float]) -> float:
     """Cost of the fit that starts at the truth."""
-    p = np.array([truth[name] for name in problem.names])
-    space = problem.space  # whose default bounds may exclude the truth
-    problem.space = replace(space, low=np.minimum(space.low, p), high=np.maximum(space.high, p))
-    u = problem.space.to_search(p)
-    models = with_bristle(problem, u)
-
-    def evaluate(u, locals_, derivatives, **options):
-        return problem.evaluate(models, u, locals_, derivatives, sigmas=sigmas, **options)
-
+    problem = problem.varied(limits=problem.space.reaching(truth))  # the default bounds may exclude the truth
+    u = problem.space.to_search(truth)
+    models = problem.models_at(u)
+    evaluate = problem.evaluator(models, sigmas)
     first = evaluate(u, [model.local for model in models], True)
-    found = levenberg_marquardt(evaluate, first, problem.space.limits, iterations=30)
-    problem.space = space
-    return found.state.cost
+    return levenberg_marquardt(evaluate, first, problem.space.limits, iterations=30).state.cost
 
 
 def study(seeds: int, start: int = 0) -> list[str]:

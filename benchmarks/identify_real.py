@@ -188,7 +188,7 @@ def report(name: str, model: Model, recording: Recording) -> list[str]:
 
 def scored(name: str, mechanism: Mechanism, model: Model, estimate: Estimate, recording: Recording) -> list[float]:
     """The score of each group of trials; what the data do not tell takes its value where the search ended."""
-    p = {**model.fixed, **dict(zip(estimate.names, estimate.details["values"], strict=True))}
+    p = model.fixed | estimate.values
     return [SCORER[name](mechanism, p, recording.select(trials).trials) for trials in GROUPS[name].values()]
 
 

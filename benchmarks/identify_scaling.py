@@ -47,10 +47,11 @@ def measure(data: Recording, free: tuple[str, ...] = FREE) -> tuple[float, float
     problem = Problem(mechanism, data, free=free, fixed=fixed, bounds=bounds)
     estimate = maximum_likelihood(problem)
     fit = time.process_time() - began
-    state, models = estimate.details["state"], estimate.details["models"]
+    assert estimate.minimum is not None
+    state, models = estimate.minimum.state, estimate.minimum.models
     began = time.process_time()
     for _ in range(REPEATS):
-        problem.evaluate(models, state.u, state.locals, True)
+        problem.evaluator(models)(state.u, state.locals, True)
     return fit, (time.process_time() - began) / REPEATS, estimate.n_simulations
 
 

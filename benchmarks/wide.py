@@ -26,7 +26,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +37,6 @@ from wide_report import report
 from frictionpinn.data.recording import Recording
 from frictionpinn.errors import UserError
 from frictionpinn.identify import Problem, bound, maximum_likelihood
-from frictionpinn.identify.likelihood import with_bristle
 from frictionpinn.identify.result import plain
 from frictionpinn.identify.solve import levenberg_marquardt
 from frictionpinn.identify.trial import TrialModel
@@ -72,13 +70,11 @@ def cost_from_truth(problem: Problem, case: Case, sigmas: dict[str, float]) -> t
 
     Both at these noise levels; NaN where the package cannot simulate the truth.
     """
-    p = np.array([case.truth[name] for name in problem.names])
-    space = problem.space  # whose default bounds may exclude the truth
-    problem.space = replace(space, low=np.minimum(space.low, p), high=np.maximum(space.high, p))
-    u = problem.space.to_search(p)
+    problem = problem.varied(limits=problem.space.reaching(case.truth))  # the default bounds may exclude the truth
+    u = problem.space.to_search(case.truth)
     try:
-        models = with_bristle(problem, u)
-        evaluate = _evaluator(problem, models, sigmas)
+        models = problem.models_at(u)
+        evaluate = problem.evaluator(models, sigmas)
         locals_ = [_true_local(model, case, sigmas)[: model.size(problem.joint)] for model in models]
         first = evaluate(u, locals_, True)
         if first is None:
@@ -86,8 +82,6 @@ def cost_from_truth(problem: Problem, case: Case, sigmas: dict[str, float]) -> t
         return first.cost, levenberg_marquardt(evaluate, first, problem.space.limits, iterations=100).state.cost
     except (ContactLost, SimulationFailed):
         return np.nan, np.nan
-    finally:
-        problem.space = space
 
 
 def _true_local(model: TrialModel, case: Case, sigmas: dict[str, float]) -> np.ndarray:
@@ -102,13 +96,6 @@ def _true_local(model: TrialModel, case: Case, sigmas: dict[str, float]) -> np.n
         for item in model.inputs
     ]
     return np.concatenate([[states[name][here[0]] for name in model.states], *paths])
-
-
-def _evaluator(problem: Problem, models, sigmas: dict[str, float]) -> Callable:
-    def evaluate(u, locals_, derivatives, **options):
-        return problem.evaluate(models, u, locals_, derivatives, sigmas=sigmas, **options)
-
-    return evaluate
 
 
 def least_errors(case: Case, recording: Recording | None = None) -> dict[str, float | None]:
@@ -130,11 +117,9 @@ def identify(seed: int) -> dict:
     estimate = maximum_likelihood(problem)
     seconds, processor_s = time.perf_counter() - began, time.process_time() - processor
     there, reference = cost_from_truth(problem, case, estimate.sigmas)
-    ended = estimate.details.get("values", {})
     return result | {
         "outcome": estimate.outcome, "advice": list(estimate.advice),
         "values": {n: plain(v) for n, v in estimate.values.items()},
-        "ended": {n: plain(float(ended[n])) for n in estimate.names if n in ended},
         "std": {n: plain(s) for n, s in estimate.std.items()},
         "ci95": {n: [plain(x) for x in ends] for n, ends in estimate.ci95.items()},
         "inside": {n: low <= case.truth[n] <= high for n, (low, high) in estimate.ci95.items() if np.isfinite(low)},

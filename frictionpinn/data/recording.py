@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..errors import UserError
 from ..numerics.session import Session
 
 
@@ -97,6 +98,30 @@ class Recording:
         """Return the recording that holds only the named trials, in their original order."""
         wanted = {str(name) for name in names}
         return replace(self, trials=tuple(trial for trial in self.trials if trial.name in wanted))
+
+    def cut(self, length_s: float | None, longest: int, least: int) -> list[Trial]:
+        """Every trial in equal windows of about ``length_s``; None: of about half of ``longest`` where it is longer.
+
+        Args:
+            length_s: length of a window, s.
+            longest: samples of a trial that is left whole.
+            least: samples that a window must have.
+
+        Raises:
+            UserError: a window with fewer.
+        """
+        windows = []
+        for trial in self.trials:
+            count = 1 if len(trial) <= longest else -(-2 * len(trial) // longest)
+            if length_s:
+                count = max(round((trial.t[-1] - trial.t[0]) / length_s), 1)
+            edges = np.linspace(0, len(trial), count + 1).round().astype(int).tolist()
+            for k, (first, end) in enumerate(pairwise(edges)):
+                if end - first < least:
+                    raise UserError("window too short", where="windows", received=f"{end - first} samples",
+                                    allowed=f"at least {least} samples", fix="lengthen the windows")  # fmt: skip
+                windows.append(trial.part(slice(first, end), trial.name if count == 1 else f"{trial.name}[{k}]"))
+        return windows
 
     def __len__(self) -> int:
         return sum(len(trial) for trial in self.trials)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -13,22 +12,19 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..errors import UserError
-from ..identify.descent import COARSE, coarse_to_fine, cycled, resolutions
-from ..identify.likelihood import ROUGH, windows_of, with_bristle
-from ..identify.prior import Prior
-from ..identify.problem import Problem, in_parallel
-from ..identify.solve import Evaluate, levenberg_marquardt, reduced
-from ..identify.space import Space
-from ..identify.start import default_bounds
+from ..identify.problem import Problem
+from ..identify.solve import ROUGHLY, coarse_to_fine, cycled, levenberg_marquardt, reduced
+from ..identify.start import ROUGH, windows_of
 from ..identify.trial import TrialModel
-from ..identify.units import Sizes
+from ..numerics.parallel import in_parallel
 from ..numerics.simulate import ContactLost, Simulation, SimulationFailed, Simulator, Values
 from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
+from ..physics.sizes import Sizes
 from .declared import fit_declared
 from .fit import Fit
 
-LONGEST = 1500.0  # times the steps that simulate all trials once: a budget, beyond which a refit is given up
+LONGEST = 500.0  # times the steps that simulate all trials once: a budget, beyond which a refit is given up
 RELAXED = 1e3  # factor by which viscous friction may fall below the bounds of the declared model
 BACK = 0.1  # of its start value: from where friction that vanished beside something missing is estimated anew
 
@@ -73,7 +69,7 @@ class Bench:
         self.defaults = {par.name: par.value for par in tested.parameters} | tested.system.values
         self.declared = tuple(self.problem.names)
         self.held_out = held_out
-        self.widths = resolutions(self.problem)
+        self.widths = self.problem.resolutions
         self._own = {e.name: e.parameters_on(tested.system, tested.law) for e in tested.effects}
         self._made: dict[tuple[str, ...], Simulator] = {}
         self._making = Lock()
@@ -82,7 +78,7 @@ class Bench:
     def sizes(self) -> Sizes:
         """How large the effects' parameters are on this data."""
         force = float(np.sqrt(np.mean(np.concatenate([run.F for run in self.runs]) ** 2)))
-        return Sizes(self.tested, self.problem.motions, force)
+        return replace(self.problem.scales.sizes, force=force)
 
     @cached_property
     def runs(self) -> list[Simulation]:
@@ -135,17 +131,17 @@ class Bench:
     @cached_property
     def base(self) -> Fit:
         """The declared model as fitted, on the mechanism that holds the effects at their neutral values."""
-        details = self.estimate.details
-        state = details["state"]
-        values = self._complete(self.problem.values(state.u))
-        models = self.equipped(details["models"], self.part(self.declared, values))
+        minimum = self.estimate.minimum
+        assert minimum is not None
+        values = self._complete(self.problem.values(minimum.state.u))
+        models = self.equipped(minimum.models, self.part(self.declared, values))
         locals_ = tuple(
             np.concatenate([x[: len(old.states)], [new.start[n] for n in new.states[len(old.states) :]],
                             x[len(old.states) :]])
-            for x, old, new in zip(state.locals, details["models"], models, strict=True)
+            for x, old, new in zip(minimum.state.locals, minimum.models, models, strict=True)
         )  # fmt: skip
-        return Fit(self.declared, values, models, replace(state, locals=locals_), dict(self.estimate.sigmas),
-                   span=self.widths[0], minima=tuple(details["minima"]))  # fmt: skip
+        return Fit(self.declared, values, models, replace(minimum.state, locals=locals_), dict(self.estimate.sigmas),
+                   span=self.widths[0], minima=minimum.minima)  # fmt: skip
 
     def _complete(self, values: Mapping[str, float]) -> dict[str, float]:
         return {k: float(v) for k, v in (self.defaults | dict(values)).items() if v is not None}
@@ -159,28 +155,13 @@ class Bench:
         limits: Mapping[str, tuple[float, float]] | None = None,
     ) -> Problem:
         """The problem with these parameters free, the others held at their values."""
-        made = copy.copy(problem)
-        made.simulator, made.mechanism = simulator, simulator.mechanism
-        made.fixed = {name: value for name, value in values.items() if name not in names}
-        bounds = {
-            name: (low, high)
-            for name, low, high in zip(problem.space.names, problem.space.low, problem.space.high, strict=True)
-        }
-        if "sigma_2" in bounds:  # viscous friction absorbs much of what is missing: it must be free to go
-            low, high = bounds["sigma_2"]
-            bounds["sigma_2"] = (low / RELAXED, high)
-        bounds |= dict(limits or {})
-        table = {par.name: par for par in made.mechanism.parameters}
-        scales = replace(problem.scales, start={name: values[name] for name in names}, sizes=self.sizes)
-        sizes = {name: self.sizes.of(table[name]) for name in names}
-        made.space = Space.build(
-            made.mechanism, names, default_bounds(made.mechanism, scales, bounds), made.fixed, sizes
-        )
-        made.shapes = ()
-        made.names = made.space.names
-        if len(problem.prior.target):
-            made.prior = Prior.of(made.space, problem.prior.start, made.fixed)
-        return made
+        wider: dict[str, tuple[float, float]] = {}
+        if "sigma_2" in problem.names:  # viscous friction absorbs much of what is missing: it must be free to go
+            low, high = problem.space.bounds["sigma_2"]
+            wider["sigma_2"] = (low / RELAXED, high)
+        trials = self.equipped(problem.trials, simulator)
+        return problem.varied(names=names, values=values, simulator=simulator, limits=wider | dict(limits or {}),
+                              sizes=self.sizes, trials=trials)  # fmt: skip
 
     def refit(
         self,
@@ -213,10 +194,10 @@ class Bench:
         simulator = self.probe if probing else self.part(names, values)
         models = tuple(replace(model, simulator=simulator) for model in fit.models)
         problem = self.problem_of(self.problem, names, values, simulator, limits)
-        evaluate = self._evaluator(problem, models, sigmas)
-        u = problem.space.to_search(np.array([values[name] for name in problem.names]))
+        evaluate = problem.evaluator(models, sigmas, steps=LONGEST * sum(len(run.steps.interval) for run in self.runs))
         try:
-            found = coarse_to_fine(evaluate, replace(fit.state, u=u), problem.space.limits, widths)
+            first = replace(fit.state, u=problem.space.to_search(values))
+            found = coarse_to_fine(evaluate, first, problem.space.limits, widths)
             if found is None:
                 return None
             minima = [found]
@@ -232,15 +213,14 @@ class Bench:
         """The same parameters estimated from short windows on, each begun as it was measured, where a missing effect
         cannot have added up; then over whole trials from the coarsest resolution down to the sample."""
         problem = self.problem_of(self.problem, fit.names, fit.values, fit.models[0].simulator, limits)
-        windows = self.equipped(windows_of(self.problem), problem.simulator)
+        windows = windows_of(problem)
         over = problem.evaluator(windows, joint=False, width=self.widths[0], prior=False, **ROUGH)
         first = over(fit.state.u, [model.local for model in windows], True)
         if first is None:
             return None
-        u = levenberg_marquardt(over, first, problem.space.limits, **COARSE).state.u
-        problem.trials = self.equipped(self.problem.trials, problem.simulator)
+        u = levenberg_marquardt(over, first, problem.space.limits, **ROUGHLY).state.u
         try:
-            models = with_bristle(problem, u)
+            models = problem.models_at(u)
         except (ContactLost, SimulationFailed):
             return None
         locals_ = tuple(model.local[: model.size(problem.joint)] for model in models)
@@ -265,16 +245,6 @@ class Bench:
         step[~out] = -np.linalg.lstsq(S[np.ix_(~out, ~out)], S[np.ix_(~out, out)] @ step[out], rcond=1e-12)[0]
         u = np.clip(fit.state.u + step, *space.limits)
         return fit.values | dict(zip(fit.names, space.to_values(u).tolist(), strict=True)) | dict.fromkeys(gone, 0.0)
-
-    def _evaluator(self, problem: Problem, models: Sequence[TrialModel], sigmas: Mapping[str, float]) -> Evaluate:
-        last = problem.simulator.steps_taken + LONGEST * sum(len(run.steps.interval) for run in self.runs)
-
-        def evaluate(u, locals_, derivatives, **options):
-            if problem.simulator.steps_taken > last:
-                return None  # a shape that makes the equations so stiff is no candidate
-            return problem.evaluate(models, u, locals_, derivatives, sigmas=sigmas, **options)
-
-        return evaluate
 
     def clip(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values moved inside the physical limits of their parameters."""

@@ -40,8 +40,7 @@ def fit_declared(
         # Coloured noise differs little from sample to sample: it is larger than it seems, and paths that follow it
         # lose contact.
         louder = {name: LOUDER * sigma for name, sigma in problem.sigmas.items()}
-        problem = Problem(mechanism, fitted, **(options | {"sigmas": louder}))
-        problem.given = {}
+        problem = Problem(mechanism, fitted, **(options | {"sigmas": louder})).varied(sigmas={})
         estimate = maximum_likelihood(problem, start=start)
     if auto and mechanism.law.memory and estimate.outcome != FAILED and outliers(estimate.residuals) > OUTLIERS:
         options["loss"] = "robust"

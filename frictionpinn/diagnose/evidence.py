@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import copy
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from ..identify.descent import coarse_to_fine, resolutions
-from ..identify.likelihood import with_bristle
-from ..identify.prior import Prior
 from ..identify.problem import Problem
-from ..identify.solve import FAINT, Evaluate, State, reduced
+from ..identify.solve import FAINT, Evaluate, State, coarse_to_fine, reduced
 from ..identify.trial import Piece, TrialModel
 from ..numerics.simulate import ContactLost, SimulationFailed
 from .bench import Bench
@@ -28,7 +24,7 @@ def check(bench: Bench, fit: Fit) -> Fit | None:
     if found is None:
         return None
     problem, models, first, evaluate = found
-    solution = coarse_to_fine(evaluate, first, (first.u, first.u), resolutions(problem))
+    solution = coarse_to_fine(evaluate, first, (first.u, first.u), problem.resolutions)
     return None if solution is None else replace(fit, models=models, state=solution.state, minima=())
 
 
@@ -57,7 +53,7 @@ def surprise(bench: Bench, fit: Fit) -> float | None:
         state = plain(u, locals_[:-1], derivatives, ran=inner, **options)
         return None if state is None else known(state)
 
-    solution = coarse_to_fine(evaluate, known(first), problem.space.limits, resolutions(problem))
+    solution = coarse_to_fine(evaluate, known(first), problem.space.limits, problem.resolutions)
     if solution is None or not solution.state.curved:
         return None
     change = np.linalg.slogdet(reduced(solution.state)[0])[1] - np.linalg.slogdet(S)[1]
@@ -68,16 +64,11 @@ def _held_out(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], 
     """The held-out trials at the fit's parameters: their problem, models, first state, and how it is evaluated."""
     if bench.checked is None:
         return None
-    simulator = fit.models[0].simulator
-    problem = bench.problem_of(bench.checked, fit.names, fit.values, simulator)
-    problem.prior = Prior.none()  # counted once, with the fitted trials
-    models: tuple[TrialModel, ...] = bench.equipped(bench.checked.trials, simulator)
-    u = problem.space.to_search(np.array([fit.values[name] for name in problem.names]))
-    if problem.mechanism.law.memory:
-        own = copy.copy(problem)
-        own.trials = tuple(models)
-        with suppress(ContactLost, SimulationFailed):
-            models = with_bristle(own, u)
+    problem = bench.problem_of(bench.checked, fit.names, fit.values, fit.models[0].simulator)
+    problem = problem.varied(prior=False)  # counted once, with the fitted trials
+    u, models = problem.space.to_search(fit.values), problem.trials
+    with suppress(ContactLost, SimulationFailed):
+        models = problem.models_at(u)
     evaluate = problem.evaluator(models, fit.sigmas)
     first = evaluate(u, tuple(model.local[: model.size(problem.joint)] for model in models), True)
     return None if first is None else (problem, models, first, evaluate)

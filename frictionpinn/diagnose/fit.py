@@ -7,12 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ..identify.advice import invert
 from ..identify.loss import Loss
-from ..identify.minima import information_of
-from ..identify.solve import Solution, State, reduced
+from ..identify.solve import Solution, State, invert, reduced
 from ..identify.trial import TrialModel
-from ..identify.whiteness import SIGNIFICANCE, whiteness
+from ..identify.uncertainty import information_of
+from ..numerics.whiteness import SIGNIFICANCE, whiteness
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ class Fit:
     @cached_property
     def white(self) -> bool:
         """Whether the residuals of the outputs are as white as noise, see
-        :func:`frictionpinn.identify.whiteness.whiteness`."""
+        :func:`frictionpinn.numerics.whiteness.whiteness`."""
         outputs = dict.fromkeys(name for model in self.models for name in model.outputs)
         interval = min(float(np.median(np.diff(model.t))) for model in self.models)
         rows = {name: own for name, own in self._residuals.items() if name in outputs}

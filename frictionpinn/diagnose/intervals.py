@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..identify.advice import UNTOLD
-from ..identify.result import interval
+from ..identify.uncertainty import UNTOLD, interval
 from .bench import Bench
 from .fit import Fit
 from .scan import Scanned

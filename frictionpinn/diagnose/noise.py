@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-from ..identify.linear import Rows
+from .linear import Rows
 
 MOST = 8  # order of the autoregression tried at most
 WHITE = 0.05  # autocorrelation that is left alone: it changes a statistic by less than a tenth

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..identify.linear import Rows
 from ..physics.base import Parameter
 from .bench import Bench
 from .fit import Fit
+from .linear import Rows
 
 BEYOND = 1e8  # times the range of the signals: squares of such columns and of others have no common digits
 

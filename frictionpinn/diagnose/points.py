@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from ..identify.linear import Rows
-from ..identify.problem import in_parallel
+from ..numerics.parallel import in_parallel
 from ..numerics.simulate import ContactLost, Simulation, SimulationFailed
 from ..numerics.tangent import Tangent
 from .bench import Bench
 from .candidates import Candidate
 from .fit import Fit
+from .linear import Rows
 from .noise import Noise
 from .overflow import limit, overflowing, sizes, without
 from .rows import derivatives, responses, tangents

@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..identify import linear
-from ..identify.linear import Rows, weighted
-from ..identify.problem import in_parallel
-from ..identify.resolution import averaged, samples_within
+from ..numerics.parallel import in_parallel
+from ..numerics.resolution import averaged, samples_within
 from ..numerics.simulate import Simulation
 from ..numerics.tangent import Tangent
+from . import linear
 from .bench import Bench
 from .candidates import Candidate
 from .fit import Fit
+from .linear import Rows, weighted
 
 
 def linearise(

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..identify.linear import Rows
-from ..identify.problem import in_parallel
+from ..numerics.parallel import in_parallel
 from .bench import Bench
 from .candidates import BUMPS, Candidate, Remainder
 from .fit import Fit
+from .linear import Rows
 from .noise import Noise, fit_noise
 from .overflow import limit, overflowing, sizes, without
 from .points import Place, Tested, test_all

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import gammaln
 from scipy.stats import chi2
 
-from ..identify.linear import Rows
+from .linear import Rows
 from .noise import Noise
 
 SINGULAR = 1e-9  # of the largest eigenvalue: directions below are not told by the data

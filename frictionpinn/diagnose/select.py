@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import chi2
 
-from ..identify.parallel import in_parallel
+from ..numerics.parallel import in_parallel
 from .bench import Bench
 from .candidates import Candidate, Remainder, impossible
 from .evidence import surprise

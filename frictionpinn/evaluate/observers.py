@@ -68,12 +68,11 @@ def identify(system: System, law: str, recording: Recording) -> Known | None:
     except UserError as error:
         log.warning(f"no observer with identified parameters: {error}")
         return None
-    state = found.details.get("state")
-    if state is None:
+    if found.minimum is None:
         log.warning(f"no observer with identified parameters: {'; '.join(found.advice)}")
         return None
     own = [par.name for par in LAWS[law].parameters]
-    values = {name: value for name, value in problem.values(state.u).items() if name in own}
+    values = {name: value for name, value in problem.values(found.minimum.state.u).items() if name in own}
     told = [k for k, name in enumerate(found.names) if np.isfinite(found.covariance[k, k])]
     uncertain = tuple(found.names[k] for k in told)
     scale = np.array([values[name] for name in uncertain])

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,11 @@ from ..data.simulated import simulate_trials
 from ..errors import UserError
 from ..numerics.simulate import ContactLost, SimulationFailed
 from ..physics.mechanism import Mechanism
-from .advice import HINTS, untold
-from .assemble import covariance_of
-from .likelihood import with_bristle
 from .problem import Problem
-from .result import correlation_of, sentences
+from .result import HINTS, VARY, correlation_of, sentences
 from .solve import reduced
 from .space import Space
+from .uncertainty import covariance_of, untold
 
 
 @dataclass(frozen=True)
@@ -31,33 +28,31 @@ class Bound:
         names: parameters, in the mechanism's order.
         values: name -> value at which it holds, SI units.
         covariance: SI units, shape (n, n); NaN for parameters that do not show in the data.
-        information: Fisher information of the search vector of ``space``, shape (n, n).
-        space: parameters and the coordinates of ``information``.
+        space: parameters and their search coordinates u.
+        information: Fisher information of u, shape (n, n).
     """
 
     names: tuple[str, ...]
     values: dict[str, float]
     covariance: np.ndarray
-    information: np.ndarray
     space: Space
+    information: np.ndarray
+
+    @classmethod
+    def at(cls, space: Space, u: np.ndarray, information: np.ndarray) -> Bound:
+        """The bound at a search vector u, shape (n,), from the information on it."""
+        covariance = covariance_of(space, u, information, untold(space, u, information))
+        return cls(space.names, space.named(u), covariance, space, information)
+
+    @property
+    def std(self) -> dict[str, float]:
+        """name -> least standard error, SI units."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     @property
     def relative(self) -> dict[str, float]:
         """name -> least standard error over the value."""
-        deviations = np.sqrt(np.diag(self.covariance))
-        return {
-            name: float(s) / abs(self.values[name]) if self.values[name] else np.inf
-            for name, s in zip(self.names, deviations.tolist(), strict=True)
-        }
-
-    def __str__(self) -> str:
-        width = max(map(len, self.names))
-        deviations = np.sqrt(np.diag(self.covariance)).tolist()
-        lines = ["least standard errors of any unbiased estimator"]
-        for (name, value), s in zip(self.values.items(), deviations, strict=True):
-            share = f" ({100 * s / abs(value):.2g} %)" if value and np.isfinite(s) else ""
-            lines.append(f"  {name:{width}s} {value:.6g} +- {s:.3g}{share}")
-        return "\n".join([*lines, *("  " + sentence for sentence in self.advice)])
+        return {name: s / abs(self.values[name]) if self.values[name] else np.inf for name, s in self.std.items()}
 
     @property
     def correlation(self) -> np.ndarray:
@@ -67,15 +62,17 @@ class Bound:
     @property
     def advice(self) -> tuple[str, ...]:
         """Sentences on what these data cannot tell or not separate."""
-        hidden = [name for name, s in zip(self.names, np.diag(self.covariance), strict=True) if not np.isfinite(s)]
-        told = [f"{name} does not show in these data: {HINTS.get(name, 'vary the excitation')}" for name in hidden]
+        hidden = [name for name, s in self.std.items() if not np.isfinite(s)]
+        told = [f"{name} does not show in these data: {HINTS.get(name, VARY)}" for name in hidden]
         return (*told, *sentences(self.names, np.nan_to_num(self.correlation), HINTS))
 
-
-def _bound(space: Space, u: np.ndarray, information: np.ndarray) -> Bound:
-    covariance = covariance_of(space, u, information, untold(space, u, information))
-    values = dict(zip(space.names, space.to_values(u).tolist(), strict=True))
-    return Bound(space.names, values, covariance, information, space)
+    def __str__(self) -> str:
+        width = max(map(len, self.names))
+        lines = ["least standard errors of any unbiased estimator"]
+        for name, s in self.std.items():
+            share = f" ({100 * self.relative[name]:.2g} %)" if np.isfinite(self.relative[name]) else ""
+            lines.append(f"  {name:{width}s} {self.values[name]:.6g} +- {s:.3g}{share}")
+        return "\n".join([*lines, *("  " + sentence for sentence in self.advice)])
 
 
 def bound(
@@ -92,9 +89,8 @@ def bound(
     Initial states, and with ``inputs="joint"`` the paths of the noisy inputs, are unknown too and eliminated.
 
     Args:
-        mechanism: the model.
+        mechanism, values: the model, and parameters at which the bound holds, by name, SI units.
         recording: its times and inputs count; simulated without noise or measured.
-        values: parameters at which the bound holds, by name.
         sigmas: noise standard deviations by signal, SI units; None: estimated from the recording.
         inputs: "joint" (as noisy as they are measured) or "known" (exact).
         options: of :class:`Problem`: free, fixed, initial, windows.
@@ -102,28 +98,28 @@ def bound(
     Raises:
         UserError: names or signals that do not fit; the mechanism cannot be simulated at these values.
     """
-    return bound_of(Problem(mechanism, recording, sigmas=sigmas, inputs=_known(inputs), **options), values)
+    inputs = "fixed" if inputs == "known" else inputs
+    return bound_of(Problem(mechanism, recording, sigmas=sigmas, inputs=inputs, **options), values)
 
 
 def bound_of(problem: Problem, values: Mapping[str, float]) -> Bound:
-    """Cramer-Rao bound of a problem at parameter values, see :func:`bound`."""
+    """Cramer-Rao bound of a problem at parameter values, by name, SI units, within its bounds or not.
+
+    Raises:
+        UserError: a free parameter without a value; the mechanism cannot be simulated at these values.
+    """
     for name in problem.names:
         if not np.isfinite(values.get(name, np.nan)):
             raise UserError("parameter without a value", where=f"values.{name}", received=values.get(name),
                             fix="give the value at which to plan, or hold it: fixed={name: value}")  # fmt: skip
-    p = np.array([float(values[name]) for name in problem.names])
-    space = replace(problem.space, low=np.minimum(problem.space.low, p), high=np.maximum(problem.space.high, p))
-    own, u = copy(problem), space.to_search(p)
-    own.space = space
-    models = with_bristle(own, u)
-    state = own.evaluate(models, u, [model.local[: model.size(own.joint)] for model in models], True, prior=False)
+    own = problem.varied(limits=problem.space.reaching(values))
+    u = own.space.to_search(values)
+    models = own.models_at(u)
+    evaluate = own.evaluator(models, prior=False)
+    state = evaluate(u, [model.local[: model.size(own.joint)] for model in models], True)
     if state is None:
         raise UserError("the mechanism cannot be simulated at these values", where="values", received=dict(values))
-    return _bound(space, u, reduced(state)[0])
-
-
-def _known(inputs: str) -> str:
-    return "fixed" if inputs == "known" else inputs
+    return Bound.at(own.space, u, reduced(state)[0])
 
 
 @dataclass(frozen=True)
@@ -156,7 +152,6 @@ def rank_experiments(
     sigmas: Mapping[str, float],
     present: Recording | None = None,
     target: str | None = None,
-    inputs: str = "joint",
     **options: Any,
 ) -> list[Ranked]:
     """Rank candidate excitations by the bound that they would give when added to the present data; best first.
@@ -164,45 +159,40 @@ def rank_experiments(
     Information adds over trials, so that each candidate is simulated once.
 
     Args:
-        mechanism: the model.
-        values: parameters at which to plan, by name (an estimate's).
+        mechanism, values: the model, and parameters at which to plan, by name (an estimate's), SI units.
         candidates: trials as in the configuration: ``duration``, an expression of time for every driven coordinate
             and input, ``initial``, ``constants``.
-        rate_hz: samples per second.
-        sigmas: noise standard deviations by signal, SI units.
+        rate_hz, sigmas: samples per second, and noise standard deviations by signal, SI units.
         present: recording at hand; None: the experiment stands alone.
         target: parameter whose standard error ranks; None: the volume of the confidence region (D-optimal).
-        inputs, options: see :func:`bound`.
+        options: see :func:`bound`.
 
     Raises:
         UserError: an unknown target, or a candidate that cannot be read.
     """
     base = None
     if present is not None:
-        base = bound(mechanism, present, values, sigmas=sigmas, inputs=inputs, **options)
+        base = bound(mechanism, present, values, sigmas=sigmas, **options)
     ranked, own_values = [], dict(options.get("fixed") or {}) | dict(values)
     for candidate in candidates:
         try:
             recording = simulate_trials(mechanism, own_values, [candidate], rate_hz)
-            own = bound(mechanism, recording, values, sigmas=sigmas, inputs=inputs, **options)
+            own = bound(mechanism, recording, values, sigmas=sigmas, **options)
         except (ContactLost, SimulationFailed) as error:
             ranked.append(Ranked(candidate, {}, 0.0, str(error)))
             continue
         if target is not None and target not in own.names:
             raise UserError("unknown target", where="target", received=target, allowed=", ".join(own.names))
-        ranked.append(_ranked(candidate, own, base))
-    return sorted(ranked, key=lambda r: (bool(r.failure), _error(r, target) if target else -r.gain))
+        u = own.space.to_search(own.values)
+        before = base.information if base is not None else np.zeros_like(own.information)
+        total = Bound.at(own.space, u, before + own.information)
+        with np.errstate(divide="ignore"):
+            volumes = [np.linalg.slogdet(M + 1e-9 * np.eye(len(u)))[1] for M in (before, total.information)]
+        gain = float(np.exp((volumes[1] - volumes[0]) / 2 / len(u)))
+        ranked.append(Ranked(candidate, total.relative, gain))
 
+    def order(item: Ranked) -> tuple[bool, float]:
+        error = item.relative.get(target, np.inf) if target else -item.gain
+        return bool(item.failure), error if np.isfinite(error) else np.inf
 
-def _error(ranked: Ranked, target: str) -> float:
-    value = ranked.relative.get(target, np.inf)
-    return value if np.isfinite(value) else np.inf
-
-
-def _ranked(candidate: Mapping[str, Any], own: Bound, base: Bound | None) -> Ranked:
-    u = own.space.to_search(np.array([own.values[name] for name in own.names]))
-    before = base.information if base is not None else np.zeros_like(own.information)
-    total = _bound(own.space, u, before + own.information)
-    with np.errstate(divide="ignore"):
-        volumes = [np.linalg.slogdet(M + 1e-9 * np.eye(len(u)))[1] for M in (before, total.information)]
-    return Ranked(candidate, total.relative, float(np.exp((volumes[1] - volumes[0]) / 2 / len(u))))
+    return sorted(ranked, key=order)

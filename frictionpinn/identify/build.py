@@ -1,27 +1,25 @@
-"""From a recording to trial models: windows, noise levels, noisy inputs, start values of the initial states."""
+"""From a trial of a recording to its model: channels, noisy inputs, start values of the initial states."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import sympy as sp
 
-from ..data.recording import Recording, Trial
+from ..data.recording import Trial
 from ..errors import UserError
 from ..numerics.paths import DEGREE, InputPath
 from ..numerics.simulate import Simulator
-from ..numerics.smoothing import difference_sigma
+from ..numerics.spline_basis import NoisyInput, PathBasis, choose_basis
 from ..physics.mechanism import Mechanism
-from .inputs import PathBasis, choose_basis
-from .trial import NoisyInput, TrialModel
+from .trial import TrialModel
 
 MOST_COEFFICIENTS = 150  # of one input in one window; a signal that needs more is interpolated as measured
 MOST_OF_A_MOTION = 300  # the same for a driven coordinate
-LONGEST_S_SAMPLES = 4000  # a trial with more samples is cut into windows of about half as many
 REST = 4.0  # standard errors: a smoothed initial velocity below counts as rest, where the search starts
+FIRST_SAMPLES = 5  # through which a line tells the initial state
 
 
 @dataclass(frozen=True)
@@ -50,8 +48,8 @@ class Channels:
         motions = tuple((c.signals, tuple(names.index(name) for name in c.signals)) for c in mechanism.driven)
         for signals, _ in motions:
             if not recorded.intersection(signals):
-                raise UserError("missing input signal", where="recording", received=", ".join(sorted(recorded)),
-                                allowed=f"at least one of {', '.join(signals)}", 
+                allowed, received = f"at least one of {', '.join(signals)}", ", ".join(sorted(recorded))
+                raise UserError("missing input signal", where="recording", received=received, allowed=allowed,
                                 fix="record the driven coordinate")  # fmt: skip
         plain: list[tuple[str, int]] = []
         if mechanism.system.massless:
@@ -66,9 +64,8 @@ class Channels:
             ]
         if not outputs:
             wanted = [name for c in mechanism.free for name in c.signals] or [i.name for i in mechanism.system.inputs]
-            raise UserError("nothing to compare the model with", where="recording",
-                            received=", ".join(sorted(recorded)),
-                            allowed=f"at least one of {', '.join(wanted)}")  # fmt: skip
+            allowed, received = f"at least one of {', '.join(wanted)}", ", ".join(sorted(recorded))
+            raise UserError("nothing to compare the model with", where="recording", received=received, allowed=allowed)
         return cls(outputs, motions, tuple(plain))
 
     @property
@@ -77,124 +74,61 @@ class Channels:
         return (*(name for signals, _ in self.motions for name in signals), *(name for name, _ in self.plain))
 
 
-def windows_of(recording: Recording, length_s: float | None) -> list[Trial]:
-    """Cut every trial into equal windows of about ``length_s``; without it, only trials that are very long."""
-    result = []
-    for trial in recording.trials:
-        span = trial.t[-1] - trial.t[0]
-        count = round(span / length_s) if length_s else (
-            1 if len(trial) <= LONGEST_S_SAMPLES else -(-2 * len(trial) // LONGEST_S_SAMPLES)
-        )  # fmt: skip
-        edges = np.linspace(0, len(trial), max(count, 1) + 1).round().astype(int)
-        for k, (first, end) in enumerate(pairwise(edges)):
-            if end - first < DEGREE + 3:
-                raise UserError("window too short", where="windows", received=f"{end - first} samples",
-                                allowed=f"at least {DEGREE + 3} samples", fix="lengthen the windows")  # fmt: skip
-            name = trial.name if count <= 1 else f"{trial.name}[{k}]"
-            signals = {key: np.asarray(values, float)[first:end] for key, values in trial.signals.items()}
-            t, start = np.ascontiguousarray(trial.t[first:end], dtype=float), trial.start_at(first)
-            result.append(Trial(name, t, signals, {}, start, trial.number))
-    return result
+def trial_model(
+    trial: Trial, simulator: Simulator, channels: Channels, sigmas: Mapping[str, float], rest: bool, noisy: bool
+) -> TrialModel:
+    """The model of one trial or window.
 
+    The motion of a driven coordinate is always a spline, whose knots suit its noise, unless that takes very many
+    coefficients and all three of its signals were measured; other inputs only where they are taken as noisy.
 
-def difference_sigmas(trials: list[Trial], names: list[str]) -> dict[str, float]:
-    """Noise standard deviations by differences, pooled over trials."""
-    result = {}
-    for name in names:
-        pairs = [(trial.t, trial.signals[name]) for trial in trials if name in trial.signals]
-        result[name] = difference_sigma(pairs) or 1e-9
-    return result
+    Args:
+        trial, simulator, channels: what was measured, of which mechanism, and which signals count.
+        sigmas: signal -> noise standard deviation, SI units.
+        rest: whether the trial starts at rest; else its initial velocities and bristle state are unknown, too.
+        noisy: whether other inputs than motions are splines.
+    """
+    mechanism, t = simulator.mechanism, np.ascontiguousarray(trial.t, dtype=float)
+    missing = np.full(len(t), np.nan)
 
+    def measured(names: tuple[str, ...]) -> np.ndarray:
+        return np.stack([np.asarray(trial.signals.get(name, missing), float) for name in names])
 
-@dataclass(frozen=True)
-class Builder:
-    """Makes trial models; ``initial`` says which initial states are unknown ("free" or "rest")."""
+    inputs: list[NoisyInput] = []
+    coefficients = np.zeros((len(t) - 1, len(mechanism.input_signals), DEGREE + 1))
+    still = {name: np.zeros(len(t)) for c in mechanism.driven for name in c.signals}
+    motions = [(names, columns, min(MOST_OF_A_MOTION, len(t) // 2)) for names, columns in channels.motions]
+    plain = [((name,), (column,), min(MOST_COEFFICIENTS, len(t) // 4)) for name, column in channels.plain]
+    for names, columns, most in (*motions, *plain):
+        motion, y, basis = len(names) > 1, measured(names), None
+        levels = np.array([sigmas.get(name, 1.0) for name in names])
+        if not np.isfinite(y).any():
+            continue
+        if motion or noisy:
+            basis = choose_basis(t, y, levels, most)
+        if motion and basis is None and not np.isfinite(y).all():
+            basis = PathBasis.evenly(t, most - DEGREE, len(names))
+        if basis is not None:
+            inputs.append(NoisyInput(names, columns, basis, y, basis.fit(y, levels)[0]))
+        else:
+            path = InputPath.from_signals(mechanism, t, still | dict(zip(names, y, strict=True)))
+            coefficients[:, list(columns)] = path.coefficients[:, list(columns)]
 
-    simulator: Simulator
-    channels: Channels
-    sigmas: Mapping[str, float]
-    initial: str
-    noisy: bool
-
-    def model(self, trial: Trial) -> TrialModel:
-        """Return the model of one trial or window, its inputs smoothed."""
-        mechanism, t = self.simulator.mechanism, trial.t
-        coefficients = np.zeros((len(t) - 1, len(mechanism.input_signals), DEGREE + 1))
-        noisy: list[NoisyInput] = []
-        for signals, columns in self.channels.motions:
-            item = self._motion(trial, signals, columns)
-            if item is not None:
-                noisy.append(item)
-            else:
-                path = InputPath.from_signals(mechanism, t, self._zeros(trial) | _named(trial, signals))
-                coefficients[:, list(columns)] = path.coefficients[:, list(columns)]
-        for name, column in self.channels.plain:
-            item = self._plain(trial, name, column) if self.noisy else None
-            if item is not None:
-                noisy.append(item)
-            elif name in trial.signals:
-                path = InputPath.from_signals(mechanism, t, self._zeros(trial) | {name: trial.signals[name]})
-                coefficients[:, column] = path.coefficients[:, column]
-        bases = {name: _smooth(trial, name, self.sigmas) for name in self.channels.outputs}
-        start = self._start(bases)
-        states = tuple(name for name in self.simulator.state_names if self._unknown(name))
-        known = {name: value for name, value in start.items() if name != "z" or "z" in states}
-        return TrialModel(
-            self.simulator, trial.name, t, self.channels.outputs, _rows(trial, self.channels.outputs),
-            InputPath(mechanism.input_signals, t, coefficients, trial.session), tuple(noisy), states, known,
-        )  # fmt: skip
-
-    def _zeros(self, trial: Trial) -> dict[str, np.ndarray]:
-        driven = [name for c in self.simulator.mechanism.driven for name in c.signals]
-        return {name: np.zeros(len(trial.t)) for name in driven}
-
-    def _motion(self, trial: Trial, signals: tuple[str, ...], columns: tuple[int, ...]) -> NoisyInput | None:
-        """The spline of a driven coordinate; None where it needs many coefficients and all three signals are known."""
-        y, sigmas = _rows(trial, signals), np.array([self.sigmas.get(name, 1.0) for name in signals])
-        most = min(MOST_OF_A_MOTION, len(trial.t) // 2)
-        basis = choose_basis(trial.t, y, sigmas, most)
-        if basis is None and np.isfinite(y).all():
-            return None
-        basis = basis or PathBasis.evenly(trial.t, most - DEGREE, 3)
-        return NoisyInput(signals, columns, basis, y, basis.fit(y, sigmas)[0])
-
-    def _plain(self, trial: Trial, name: str, column: int) -> NoisyInput | None:
-        if name not in trial.signals:
-            return None
-        y, sigmas = _rows(trial, (name,)), np.array([self.sigmas[name]])
-        basis = choose_basis(trial.t, y, sigmas, min(MOST_COEFFICIENTS, len(trial.t) // 4))
-        return None if basis is None else NoisyInput((name,), (column,), basis, y, basis.fit(y, sigmas)[0])
-
-    def _unknown(self, state: str) -> bool:
-        if self.initial == "free":
-            return True
-        return state in [c.signals[0] for c in self.simulator.mechanism.free]
-
-    def _start(self, smooth: dict[str, tuple[float, float]]) -> dict[str, float]:
-        start: dict[str, float] = {}
-        for c in self.simulator.mechanism.free:
-            q, v, _ = c.signals
-            start[q] = smooth[q][0] if q in smooth else 0.0
-            value, error = smooth.get(v, (0.0, 1.0))
-            start[v] = value if abs(value) > REST * error and self.initial == "free" else 0.0
-        if self.simulator.mechanism.memory:
-            start["z"] = 0.0
-        return start
-
-
-def _named(trial: Trial, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    return {name: np.asarray(trial.signals[name], float) for name in names}
-
-
-def _rows(trial: Trial, names) -> np.ndarray:
-    missing = np.full(len(trial.t), np.nan)
-    return np.stack([np.asarray(trial.signals.get(name, missing), float) for name in names])
-
-
-def _smooth(trial: Trial, name: str, sigmas: Mapping[str, float]) -> tuple[float, float]:
-    """Value of a signal at the first sample, from a line through the first few, and its standard error."""
-    t, y = trial.t[:5] - trial.t[0], trial.signals[name][:5]
-    design = np.stack([np.ones(len(t)), t], axis=1)
-    solution = np.linalg.lstsq(design, y, rcond=None)[0]
-    spread = np.linalg.inv(design.T @ design)[0, 0] ** 0.5
-    return float(solution[0]), float(sigmas[name] * spread)
+    start: dict[str, float] = {}
+    for c in mechanism.free:
+        first = dict.fromkeys(c.signals[:2], (0.0, np.inf))  # value, standard error
+        for name in set(c.signals[:2]) & set(trial.signals):
+            times, y = t[:FIRST_SAMPLES] - t[0], trial.signals[name][:FIRST_SAMPLES]
+            design = np.stack([np.ones(len(times)), times], axis=1)
+            spread = np.linalg.inv(design.T @ design)[0, 0] ** 0.5
+            first[name] = float(np.linalg.lstsq(design, y, rcond=None)[0][0]), float(sigmas[name] * spread)
+        (position, _), (velocity, error) = first.values()
+        start |= {c.signals[0]: position, c.signals[1]: velocity if not rest and abs(velocity) > REST * error else 0.0}
+    if mechanism.memory and not rest:
+        start["z"] = 0.0
+    positions = [c.signals[0] for c in mechanism.free]
+    return TrialModel(
+        simulator, trial.name, t, channels.outputs, measured(tuple(channels.outputs)),
+        InputPath(mechanism.input_signals, t, coefficients, trial.session), tuple(inputs),
+        tuple(name for name in simulator.state_names if not rest or name in positions), start,
+    )  # fmt: skip

@@ -3,31 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ..data.recording import Recording
 from ..errors import choose
+from ..numerics.parallel import in_parallel
+from ..numerics.paths import DEGREE
 from ..numerics.simulate import ContactLost, SimulationFailed, Simulator
+from ..numerics.smoothing import difference_sigma
 from ..physics.mechanism import Mechanism
-from .build import Builder, Channels, difference_sigmas, windows_of
+from ..physics.sizes import Sizes
+from .build import Channels, trial_model
 from .loss import LOSSES, choose_loss
-from .motion import smoothed
-from .parallel import in_parallel
-from .prior import Prior
+from .motion import Scales, default_bounds, smoothed
 from .solve import Evaluate, State
-from .space import Space, check_fixed, check_names
-from .start import data_start, default_bounds
+from .space import Prior, Space
 from .trial import Piece, TrialModel
+
+LONG_TRIAL = 4000  # samples: a trial with more is cut into windows of about half as many
+COARSE_SHARE = 0.25  # of the usual time between two peaks of the slip velocity: a stop is placed better than that
+REFINEMENT = 2.0  # factor from one resolution to the next: a minimum lies well within the basin of the next
 
 
 class Problem:
     """What every estimator minimises.
 
     Args:
-        mechanism: the model.
-        recording: what was measured.
+        mechanism, recording: the model, and what was measured.
         free: parameters to estimate; by default those of the friction law. Strengths and shapes of effects are held
             unless they are named here.
         bounds: name -> (low, high), SI units; by default wide around what the recording suggests.
@@ -39,6 +46,16 @@ class Problem:
             simulates whole trials.
         loss: "gaussian", "robust" (outliers) or "auto", see :func:`frictionpinn.identify.loss.choose_loss`.
 
+    Attributes:
+        names: free parameters, in the mechanism's order; ``start``, ``fixed``: values of these and of all others.
+        space: the free parameters' bounds and search coordinates; ``bounded``: those whose bounds were given.
+        shapes: free hidden parameters of effects that are to be searched over their range.
+        prior: what is known of them beforehand.
+        sigmas: signal -> noise standard deviation, SI units; ``given``: those of them that are known.
+        trials: models of the trials; ``motions``: these smoothed; ``channels``: signals of the recording.
+        scales: where parameters start on this data, and how large they are.
+        simulator, loss, joint: of the mechanism, of the residuals, and whether inputs are unknown, too.
+
     Raises:
         UserError: names, bounds or signals that do not fit.
     """
@@ -48,7 +65,7 @@ class Problem:
         mechanism: Mechanism,
         recording: Recording,
         free: Sequence[str] | None = None,
-        bounds: Mapping[str, Sequence[float]] | None = None,
+        bounds: Mapping[str, Sequence[float] | None] | None = None,
         fixed: Mapping[str, float] | None = None,
         sigmas: Mapping[str, float] | None = None,
         inputs: str = "joint",
@@ -56,123 +73,192 @@ class Problem:
         windows: float | None = None,
         loss: str = "auto",
     ):
-        self.mechanism, self.recording = mechanism, recording
-        self.simulator = Simulator(mechanism)
+        self.mechanism, self.simulator = mechanism, Simulator(mechanism)
         self.loss = choose_loss(loss, mechanism)
         self.coarse_loss = LOSSES["gaussian"] if loss == "auto" else self.loss  # jumps do not make outliers there
         self.joint = choose(inputs, {"joint": True, "fixed": False}, "inputs")
-        choose(initial, {"free": 1, "rest": 1}, "initial")
-        check_names(mechanism, (*(free or ()), *(bounds or {}), *(fixed or {})))
-        check_fixed(mechanism, fixed or {})
+        rest = choose(initial, {"free": False, "rest": True}, "initial")
+        mechanism.check_names((*(free or ()), *(bounds or {}), *(fixed or {})), "free")
+        mechanism.check_values(fixed or {}, "fixed")
         law = [par.name for par in mechanism.law.parameters if par.value is None]
         names = tuple(free) if free is not None else tuple(n for n in law if n not in (fixed or {}))
-        defaults = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values
-        self.fixed = {
-            k: float(v) for k, v in (defaults | dict(fixed or {})).items() if v is not None and k not in names
-        }
-        trials = windows_of(recording, windows)
+        held = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values | dict(fixed or {})
+        self.fixed = {name: float(v) for name, v in held.items() if v is not None and name not in names}
+        trials = recording.cut(windows, longest=LONG_TRIAL, least=DEGREE + 3)
         self.channels = Channels.of(mechanism, set().union(*(trial.signals for trial in trials)))
-        measured = [
-            name
-            for name in (*self.channels.outputs, *self.channels.input_names)
-            if any(name in trial.signals for trial in trials)
-        ]
         self.given = dict(sigmas or {})
-        self.sigmas = difference_sigmas(trials, measured) | self.given
-        builder = Builder(self.simulator, self.channels, self.sigmas, initial, self.joint)
-        self.trials: tuple[TrialModel, ...] = tuple(
-            in_parallel(lambda k: builder.model(trials[k]), [len(trial) for trial in trials])
-        )
+        self.sigmas: dict[str, float] = {}
+        for name in (*self.channels.outputs, *self.channels.input_names):
+            series = [(trial.t, trial.signals[name]) for trial in trials if name in trial.signals]
+            if series:
+                self.sigmas[name] = difference_sigma(series) or 1e-9
+        self.sigmas |= self.given
+
+        def model(k: int) -> TrialModel:
+            return trial_model(trials[k], self.simulator, self.channels, self.sigmas, rest, self.joint)
+
+        self.trials: tuple[TrialModel, ...] = tuple(in_parallel(model, [len(trial) for trial in trials]))
         self.motions = smoothed(mechanism, self.trials, self.sigmas)
-        scales = data_start(mechanism, self.motions, self.fixed, names)
-        self.scales = scales
+        self.scales = Scales.of(mechanism, self.motions, self.fixed, names)
         self.bounded = frozenset(name for name, pair in (bounds or {}).items() if pair is not None)
+        self.space = self._space(names, dict(bounds or {}), self.scales)
+        self.names, low, high = self.space.names, self.space.low, self.space.high
         table = {par.name: par for par in mechanism.parameters}
-        self.space = Space.build(
-            mechanism,
-            names,
-            default_bounds(mechanism, scales, dict(bounds or {})),
-            self.fixed,
-            {name: scales.sizes.of(table[name]) for name in names},
-        )
-        self.shapes = tuple(name for name in self.space.names if table[name].hidden and table[name].scan is not None)
-        self.names = self.space.names
-        self.start = dict(
-            zip(
-                self.names,
-                np.clip([scales.start[n] for n in self.names], self.space.low, self.space.high).tolist(),
-                strict=True,
-            )
-        )
+        self.shapes = tuple(name for name in self.names if table[name].hidden and table[name].scan is not None)
+        inside = np.clip([self.scales.start[n] for n in self.names], low, high).tolist()
+        self.start = dict(zip(self.names, inside, strict=True))
         self.prior = Prior.of(self.space, self.start, self.fixed)
         self._calls: list[bool] = []
+
+    def _space(self, names: Sequence[str], bounds: Mapping[str, Sequence[float] | None], scales: Scales) -> Space:
+        table = {par.name: par for par in self.mechanism.parameters}
+        whole = default_bounds(self.mechanism, scales, bounds)
+        return Space.build(self.mechanism, names, whole, self.fixed, {n: scales.sizes.of(table[n]) for n in names})
+
+    def varied(
+        self,
+        *,
+        names: Sequence[str] | None = None,
+        values: Mapping[str, float] | None = None,
+        simulator: Simulator | None = None,
+        limits: Mapping[str, tuple[float, float]] | None = None,
+        sizes: Sizes | None = None,
+        sigmas: Mapping[str, float] | None = None,
+        trials: Sequence[TrialModel] | None = None,
+        joint: bool | None = None,
+        prior: bool = True,
+    ) -> Problem:
+        """A new problem over the same recording; what is not given stays as it is here.
+
+        Args:
+            names: free parameters; the others are held.
+            values: name -> where a parameter starts or is held, SI units: no range is searched for its start.
+            simulator: of the mechanism to fit: this one, with other effects.
+            limits: name -> bounds, SI units; others keep theirs, or have those that the values suggest.
+            sizes: how large parameters are, where the mechanism has others.
+            sigmas: signal -> noise standard deviation that is known, SI units; other levels stay and are estimated.
+            trials: models of the trials, where these have other unknowns.
+            joint: whether the paths of noisy inputs are unknown, too.
+            prior: whether what is known beforehand counts; once left out it stays so.
+
+        Raises:
+            UserError: names or bounds that do not fit the mechanism.
+        """
+        made, values = copy(self), dict(values or {})
+        made._calls = []
+        if simulator is not None:
+            made.simulator, made.mechanism = simulator, simulator.mechanism
+            made.trials = tuple(replace(model, simulator=simulator) for model in self.trials)
+            made.motions = [replace(m, model=replace(m.model, simulator=simulator)) for m in self.motions]
+        made.trials = made.trials if trials is None else tuple(trials)
+        made.joint = self.joint if joint is None else joint
+        if sigmas is not None:
+            made.given, made.sigmas = dict(sigmas), self.sigmas | dict(sigmas)
+        known, wanted = self.fixed | self.start | values, self.names if names is None else names
+        made.start = {name: known[name] for name in wanted}
+        made.fixed = {name: value for name, value in known.items() if name not in wanted}
+        made.shapes = tuple(name for name in self.shapes if name in wanted and name not in values)
+        made.scales = replace(self.scales, start=made.start, sizes=sizes or self.scales.sizes)
+        made.space = made._space(wanted, self.space.bounds | dict(limits or {}), made.scales)
+        made.names = made.space.names
+        made.prior = Prior.of(made.space, self.prior.expected if prior else {}, made.fixed)
+        return made
 
     @property
     def simulations(self) -> int:
         """How often the recording was simulated so far."""
         return len(self._calls)  # appending is safe in threads
 
+    @cached_property
+    def resolutions(self) -> list[float]:
+        """Resolutions in time at which the model is compared with the data, s, from the coarsest to the sample (0)."""
+        times = np.concatenate([np.diff(motion.model.t[motion.edges]) for motion in self.motions])
+        coarsest = COARSE_SHARE * float(np.median(times))
+        count = 1 + int(np.log(max(coarsest / self.interval, 1.0)) / np.log(REFINEMENT))
+        return [*(coarsest / REFINEMENT**k for k in range(count)), 0.0]
+
+    @property
+    def interval(self) -> float:
+        """Usual time between two samples, s, of the trial that was sampled fastest."""
+        return min(float(np.median(np.diff(model.t))) for model in self.trials)
+
     # the model's distance from the data -----------------------------------------------------------------------
     def values(self, u: np.ndarray) -> dict[str, float]:
         """All parameters by name, SI units, at the search vector u."""
-        return self.fixed | dict(zip(self.names, self.space.to_values(u).tolist(), strict=True))
+        return self.fixed | self.space.named(u)
+
+    def models_at(self, u: np.ndarray) -> tuple[TrialModel, ...]:
+        """The trials with initial bristle forces that start in equilibrium at the search vector u.
+
+        Raises:
+            ContactLost, SimulationFailed: they cannot be simulated there.
+        """
+        return tuple(model.in_equilibrium(self.values(u)) for model in self.trials)
 
     def evaluator(
         self,
         models: Sequence[TrialModel],
         sigmas: Mapping[str, float] | None = None,
-        joint: bool | None = None,
-        **given,
-    ) -> Evaluate:
-        """:meth:`evaluate` of these trials and noise levels, as searches call it; ``given`` are further options."""
-
-        def evaluate(u, locals_, derivatives, **options):
-            return self.evaluate(models, u, locals_, derivatives, joint=joint, sigmas=sigmas, **(given | options))
-
-        return evaluate
-
-    def evaluate(
-        self,
-        models: Sequence[TrialModel],
-        u: np.ndarray,
-        locals_: Sequence[np.ndarray],
-        derivatives: bool,
         *,
         joint: bool | None = None,
-        sigmas: Mapping[str, float] | None = None,
-        ran: State | None = None,
-        width: float = 0.0,
         prior: bool = True,
-        **options,
-    ) -> State | None:
-        """Cost at u and the local unknowns, all trials in parallel; None where one cannot be simulated.
+        width: float = 0.0,
+        steps: float = np.inf,
+        **options: Any,
+    ) -> Evaluate:
+        """The cost of these trials as a search calls it: evaluate(u, locals, derivatives, ran, width, **options).
 
-        ``ran`` is the state there from ``strict`` simulations: with derivatives, nothing is simulated again. ``width``
-        is the resolution in time, s; without ``prior`` the cost is that of the data alone.
+        That is the state at a search vector u, shape (n,), and the unknowns of every trial, with ``derivatives`` if
+        wanted; None where a trial cannot be simulated. Where ``ran``, the state there from ``strict`` simulations, is
+        given, nothing is simulated again.
+
+        Args:
+            models: of the trials.
+            sigmas: signal -> noise standard deviation, SI units; by default the problem's.
+            joint: whether the inputs' coefficients are among the unknowns; by default the problem's.
+            prior: whether the prior is counted; without it the cost is that of the data alone.
+            width: resolution in time at which model and data are compared, s; 0: sample by sample.
+            steps: of the integrator, all trials together, after which nothing is simulated any longer; those of this
+                evaluator are counted, which then is for one search.
+            options: of the simulator.
         """
-        loss = self.coarse_loss if width else self.loss
-        p, joint = self.values(u), self.joint if joint is None else joint
-        sigmas, names = sigmas or self.sigmas, self.names if derivatives else ()
-        runs = [None] * len(models) if ran is None else [part.run for part in ran.pieces]
-        if not derivatives or any(run is None for run in runs):
-            self._calls.append(derivatives)
-        change = self.space.jacobian(u)
+        joint, sigmas, spent = self.joint if joint is None else joint, sigmas or self.sigmas, 0
 
-        def piece(k: int) -> Piece | None:
-            try:
-                found = models[k].evaluate(p, locals_[k], sigmas, loss, names, joint, runs[k], width, **options)
-            except (ContactLost, SimulationFailed):
+        def evaluate(u, locals_, derivatives, *, ran: State | None = None, width=width, **more) -> State | None:
+            nonlocal spent
+            if spent > steps:
                 return None
-            if not names:
-                return found
-            return replace(
-                found, gg=change.T @ found.gg @ change, gl=change.T @ found.gl, grad_g=change.T @ found.grad_g
-            )
+            p, change, names = self.values(u), self.space.jacobian(u), self.names if derivatives else ()
+            loss = self.coarse_loss if width else self.loss
+            runs = [None] * len(models) if ran is None else [part.run for part in ran.pieces]
+            if not derivatives or any(run is None for run in runs):
+                self._calls.append(derivatives)
+            own, taken = options | more, [0] * len(models)
 
-        found = in_parallel(piece, [len(model.t) * (8 + model.size(joint)) for model in models])
-        pieces = tuple(part for part in found if part is not None)
-        if len(pieces) < len(models) or not all(np.isfinite(part.cost) for part in pieces):
-            return None
-        if prior and len(self.prior.target):
-            pieces = (self.prior.added(pieces[0], u), *pieces[1:])
-        return State(np.asarray(u, float), tuple(locals_), pieces)
+            def piece(k: int) -> Piece | None:
+                try:
+                    found = models[k].evaluate(p, locals_[k], sigmas, loss, names, joint, runs[k], width, **own)
+                except (ContactLost, SimulationFailed) as failure:
+                    taken[k] = failure.steps
+                    return None
+                taken[k] = found.steps
+                if not names:
+                    return found
+                gg, gl, grad_g = change.T @ found.gg @ change, change.T @ found.gl, change.T @ found.grad_g
+                return replace(found, gg=gg, gl=gl, grad_g=grad_g)
+
+            found = in_parallel(piece, [len(model.t) * (8 + model.size(joint)) for model in models])
+            spent += sum(taken)
+            pieces = tuple(part for part in found if part is not None)
+            if len(pieces) < len(models) or not all(np.isfinite(part.cost) for part in pieces):
+                return None
+            if prior and len(self.prior.target):  # counted with the first trial
+                first, r = pieces[0], self.prior.distance(u)
+                first = replace(first, cost=first.cost + 0.5 * float(r @ r))
+                if names:
+                    slope = self.prior.rows.T @ r
+                    first = replace(first, gg=first.gg + self.prior.information, grad_g=first.grad_g + slope)
+                pieces = (first, *pieces[1:])
+            return State(np.asarray(u, float), tuple(locals_), pieces)
+
+        return evaluate

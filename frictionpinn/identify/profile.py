@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import UserError
-from .advice import invert
 from .problem import Problem
 from .result import Estimate
-from .solve import Evaluate, State, levenberg_marquardt, reduced
+from .solve import Evaluate, State, invert, levenberg_marquardt, moved, reduced
 
-THRESHOLD = 1.920729  # half the 95 % quantile of chi-squared with one degree of freedom
-FARTHEST = 12  # steps to either side
-LONGEST = 0.5  # in the search's logarithms: of a step; 12 of them reach a factor of 400
+RISE_95 = 1.920729  # of the cost at the ends of a 95 % interval: half the quantile of chi-squared with one freedom
+STEP = 0.7  # standard errors between the values tried
+FARTHEST, LONGEST = 12, 0.5  # steps to either side; length of one in log u at most: 12 reach a factor of 400
 
 
 @dataclass(frozen=True)
@@ -41,14 +39,12 @@ class Profile:
         return f"{self.name} in [{low:.4g}, {high:.4g}] {self.unit} (95 %); value, rise of the cost:\n{rows}"
 
 
-def profile(problem: Problem, estimate: Estimate, name: str, step: float = 0.7) -> Profile:
+def profile(problem: Problem, estimate: Estimate, name: str) -> Profile:
     """Profile likelihood of a parameter around an estimate by maximum likelihood of this problem.
 
     Args:
-        problem: the problem that was solved.
-        estimate: its solution.
+        problem, estimate: what was solved, and its solution.
         name: parameter.
-        step: distance between the values tried, in standard errors.
 
     Raises:
         UserError: an unknown name, or an estimate that failed or came from another method.
@@ -57,89 +53,49 @@ def profile(problem: Problem, estimate: Estimate, name: str, step: float = 0.7) 
     """
     if name not in problem.names:
         raise UserError("unknown parameter", where="profile", received=name, allowed=", ".join(problem.names))
-    if "state" not in estimate.details:
-        raise UserError(
-            "no fit to start from", where="profile", received=estimate.outcome, allowed="maximum_likelihood"
-        )
-    evaluate = problem.evaluator(estimate.details["models"], estimate.sigmas, prior=False)
-    return profiled(problem, evaluate, estimate.details["state"], name, step=step)
+    if estimate.minimum is None:
+        raise UserError("no fit to start from", where="profile", received=estimate.outcome, allowed="that of a fit")
+    evaluate = problem.evaluator(estimate.minimum.models, estimate.sigmas, prior=False)
+    return profiled(problem, evaluate, estimate.minimum.state, name, RISE_95, iterations=15)
 
 
-def profiled(
-    problem: Problem,
-    evaluate: Evaluate,
-    state: State,
-    name: str,
-    *,
-    factor: float = 1.0,
-    step: float = 0.7,
-    iterations: int = 15,
-) -> Profile:
-    """The profile of a parameter from a fit of these trials on.
+def profiled(problem: Problem, evaluate: Evaluate, state: State, name: str, rise: float, iterations: int) -> Profile:
+    """The profile of a parameter from a fit ``state`` on: every value from the fit at the one before, to either side.
 
-    Args:
-        problem: its parameters and their space.
-        evaluate: of the data alone, without the prior.
-        state: the fit, with derivatives.
-        name: parameter.
-        factor: on the rise that bounds the interval: more than 1 where residuals are correlated.
-        step: see :func:`profile`.
-        iterations: of the search at each value at most.
+    ``evaluate`` is the cost of the data alone; where that has risen by more than ``rise`` the profile ends.
     """
-    i = problem.names.index(name)
-    found = {state.u[i]: state.cost - problem.prior.cost(state.u)}
-    size = float(np.clip(step / np.sqrt(max(1e-12, _curvature(state, i))), 1e-4, LONGEST))
-    rise = THRESHOLD * factor
+    space, i = problem.space, problem.names.index(name)
+    prior = problem.prior.distance(state.u)
+    found = {state.u[i]: state.cost - 0.5 * float(prior @ prior)}
+    curvature = 1 / max(float(invert(reduced(state)[0])[i, i]), 1e-300)
+    size = float(np.clip(STEP / np.sqrt(max(1e-12, curvature)), 1e-4, LONGEST))
     for side in (-1.0, 1.0):
-        current: State | None = state
+        current = state
         for k in range(1, FARTHEST + 1):
-            low, high = (limit.copy() for limit in problem.space.limits)
+            low, high = (limit.copy() for limit in space.limits)
             target = float(np.clip(state.u[i] + side * k * size, low[i], high[i]))
-            if current is None or target in found:
+            if target in found:
                 break
             low[i] = high[i] = target
-            current = _conditional(evaluate, current, i, target, (low, high), iterations)
-            if current is None:
+            covariance = invert(reduced(current)[0])  # the others move along their conditional optimum
+            along = covariance[:, i] / covariance[i, i] * (target - current.u[i])
+            first = evaluate(*moved(current, along, (low, high), longest=np.inf), True)
+            if first is None:
                 break
+            current = levenberg_marquardt(evaluate, first, (low, high), iterations=iterations, decrease=0.05).state
             found[target] = current.cost
             if current.cost - min(found.values()) > rise:
                 break
+
+    def value(at: float) -> float:
+        return float(space.to_values(np.where(np.arange(len(state.u)) == i, at, state.u))[i])
+
     us = np.array(sorted(found))
-    costs = np.array([found[u] for u in us]) - min(found.values())
-    values = np.array([problem.space.to_values(np.where(np.arange(len(state.u)) == i, u, state.u))[i] for u in us])
-    nothing = problem.space.to_values(np.where(np.arange(len(state.u)) == i, -700.0, state.u))[i]
-    open_low = -np.inf if problem.space.scales[i] else float(nothing)
-    return Profile(name, problem.mechanism.units[name], values, costs, _crossings(values, costs, rise, open_low))
-
-
-def _curvature(state: State, i: int) -> float:
-    S = reduced(state)[0]
-    return 1 / max(float(invert(S)[i, i]), 1e-300)
-
-
-def _conditional(
-    evaluate: Evaluate, state: State, i: int, target: float, limits: Sequence[np.ndarray], iterations: int
-) -> State | None:
-    """The best fit with unknown i held, from the neighbouring one moved along its conditional optimum."""
-    S, _, back = reduced(state)
-    covariance = invert(S)
-    du = covariance[:, i] / covariance[i, i] * (target - state.u[i])
-    u = np.clip(state.u + du, *limits)
-    locals_ = [x if X is None else x - X[:, : len(u)] @ (u - state.u) for x, X in zip(state.locals, back, strict=True)]
-    first = evaluate(u, locals_, True)
-    if first is None:
-        return None
-    return levenberg_marquardt(evaluate, first, (limits[0], limits[1]), iterations=iterations, decrease=0.05).state
-
-
-def _crossings(values: np.ndarray, rise: np.ndarray, limit: float, open_low: float) -> tuple[float, float]:
-    """Where the rise passes the limit to both sides of its least value; ``open_low`` or infinity where it does not."""
-    best = int(np.argmin(rise))
-    low, high = open_low, np.inf
-    if best > 0 and rise[:best].max() > limit:
-        inside = int(np.flatnonzero(rise[:best] > limit).max())
-        low = float(np.interp(limit, rise[[inside + 1, inside]], values[[inside + 1, inside]]))
-    if best < len(rise) - 1 and rise[best + 1 :].max() > limit:
-        inside = best + 1 + int(np.flatnonzero(rise[best + 1 :] > limit).min())
-        high = float(np.interp(limit, rise[[inside - 1, inside]], values[[inside - 1, inside]]))
-    return low, high
+    costs, values = np.array([found[u] for u in us]) - min(found.values()), np.array([value(u) for u in us])
+    best, above = int(np.argmin(costs)), np.flatnonzero(costs > rise)
+    ends = [-np.inf if space.scales[i] else value(-700.0), np.inf]  # where the cost stays lower within the bounds
+    if len(below := above[above < best]):
+        ends[0] = float(np.interp(rise, costs[[below[-1] + 1, below[-1]]], values[[below[-1] + 1, below[-1]]]))
+    if len(beyond := above[above > best]):
+        ends[1] = float(np.interp(rise, costs[[beyond[0] - 1, beyond[0]]], values[[beyond[0] - 1, beyond[0]]]))
+    return Profile(name, problem.mechanism.units[name], values, costs, (ends[0], ends[1]))

@@ -1,17 +1,71 @@
-"""What every estimator returns."""
+"""What every estimator returns, and in words what the data do not tell and which experiment would."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from .problem import Problem
+from .solve import Solution, State
+from .trial import TrialModel
+
 CONVERGED, AT_BOUND, UNIDENTIFIED, NO_EXCITATION, UNEXPLAINED, STOPPED, FAILED = (
     "converged", "at a bound", "not identified", "no excitation", "not explained", "stopped early", "failed",
 )  # fmt: skip
+HINTS = {
+    "v_s": "add slow starts and stops, at a few times v_s",
+    "mu_s": "add slow starts from rest",
+    "sigma_0": "add small reversals without sliding, sampled fast",
+    "sigma_1": "add abrupt stops, sampled fast enough to show the ringing",
+    "sigma_2": "add fast sliding at several speeds",
+    "mu_c": "add steady sliding",
+    "M": "add strong accelerations",
+}
+VARY = "vary the excitation"  # where no experiment is known to help
+FLAT = (
+    "friction does not rise towards rest in these data; take a law without that (dahl, coulomb_viscous), or record "
+    "slow starts"
+)
+BROAD = 0.3  # of the largest slip velocity: a larger Stribeck velocity describes no rise towards rest
+MERGED = 1.05  # times the parameter that another must exceed: below, the two are one
+CORRELATED = 2.0  # samples over which residuals stay correlated before the model is doubted
+INSEPARABLE = 0.95  # correlation beyond which two parameters are hardly separated
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Where a search for the likelihood's minimum ended.
+
+    Attributes:
+        state: unknowns, cost and its local model there.
+        models: of the trials.
+        reason: why the search ended, see :class:`frictionpinn.identify.solve.Solution`.
+        minima: the lowest and others found around it, best first, before the noise levels were refined.
+        starts: what the search over short windows found, best first.
+    """
+
+    state: State
+    models: tuple[TrialModel, ...]
+    reason: str
+    minima: tuple[Solution, ...] = ()
+    starts: tuple[Solution, ...] = ()
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """The best parameters that a search method had found after so many seconds and simulations of the recording.
+
+    ``values`` are by name, SI units; ``cost`` is the negative log-likelihood there.
+    """
+
+    seconds: float
+    simulations: int
+    cost: float
+    values: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -34,8 +88,9 @@ class Estimate:
         seconds: wall-clock time.
         sigmas: signal -> noise standard deviation, SI units.
         residuals: trial -> signal -> model minus measurement, shape (n,), SI units.
-        details: what only some estimators know; ``prior``: what was expected of static friction and Stribeck velocity,
-            in words (the intervals are without it).
+        prior: name -> what was expected of static friction and Stribeck velocity, in words.
+        minimum: of the likelihood; None where it failed, and of other estimators.
+        path: of a search method: every improvement, the first one first.
     """
 
     estimator: str
@@ -51,7 +106,9 @@ class Estimate:
     seconds: float
     sigmas: dict[str, float]
     residuals: dict[str, dict[str, np.ndarray]] = field(repr=False, default_factory=dict)
-    details: dict[str, Any] = field(repr=False, default_factory=dict)
+    prior: dict[str, str] = field(repr=False, default_factory=dict)
+    minimum: Minimum | None = field(repr=False, default=None)
+    path: tuple[Improvement, ...] = field(repr=False, default=())
 
     @property
     def std(self) -> dict[str, float]:
@@ -64,23 +121,20 @@ class Estimate:
         return correlation_of(self.covariance)
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything but the residuals as plain types for JSON; NaN becomes None."""
+        """What there is to report as plain types for JSON; NaN becomes None."""
+        parameters = {}
+        for name in self.names:
+            ends = [plain(x) for x in self.ci95[name]]
+            value, std = plain(self.values[name]), plain(self.std[name])
+            parameters[name] = {"value": value, "unit": self.units[name], "std": std, "ci95": ends}
         return {
             "estimator": self.estimator,
             "outcome": self.outcome,
             "advice": list(self.advice),
-            "parameters": {
-                name: {
-                    "value": plain(self.values[name]),
-                    "unit": self.units[name],
-                    "std": plain(self.std[name]),
-                    "ci95": [plain(x) for x in self.ci95[name]],
-                }
-                for name in self.names
-            },
+            "parameters": parameters,
             "covariance": [[plain(x) for x in row] for row in self.covariance],
             "correlation": [[plain(x) for x in row] for row in self.correlation],
-            "prior": dict(self.details.get("prior", {})),
+            "prior": dict(self.prior),
             "cost": plain(self.cost),
             "n_simulations": self.n_simulations,
             "seconds": self.seconds,
@@ -112,23 +166,90 @@ def correlation_of(covariance: np.ndarray) -> np.ndarray:
         return covariance / np.outer(deviations, deviations)
 
 
-def interval(value: float, std: float, positive: bool, z: float = 1.959964) -> tuple[float, float]:
-    """95 % interval, symmetric in the logarithm of a positive parameter."""
-    if not (math.isfinite(value) and math.isfinite(std)):
-        return (math.nan, math.nan)
-    if positive and value > 0:
-        reach = math.exp(min(z * std / value, 700.0))
-        return (float(value / reach), float(value * reach))
-    return (float(value - z * std), float(value + z * std))
+def verdict(
+    problem: Problem,
+    reason: str,
+    p: np.ndarray,
+    covariance: np.ndarray,
+    ci95: Mapping[str, tuple[float, float]],
+    hidden: Collection[str],
+    at_limit: Collection[str],
+    at_bound: Collection[str],
+    memory: float,
+    white: bool,
+) -> tuple[str, tuple[str, ...]]:
+    """The outcome of an estimation, and sentences on what to do about it.
+
+    Args:
+        problem, reason: what was solved, and why the search ended.
+        p, covariance, ci95: estimates, SI units, shape (n,), their covariance, shape (n, n), and 95 % intervals.
+        hidden: parameters that do not show.
+        at_limit, at_bound: strengths of effects at a physical limit; parameters at a bound that was given.
+        memory, white: samples over which residuals stay correlated, and whether they are noise.
+    """
+    space, result, hints = problem.space, [], dict(HINTS)
+    for effect in problem.mechanism.effects:
+        experiment = effect.said().get("experiment", "").rstrip(".")
+        for par in effect.parameters_on(problem.mechanism.system, problem.mechanism.law):
+            if experiment:
+                hints.setdefault(par.name, f"record {experiment}")
+    slides = any(motion.fast.any() for motion in problem.motions)
+    fastest = max(float(np.abs(motion.v_slip).max()) for motion in problem.motions) if slides else 0.0
+    if not slides:
+        result.append("the contact hardly slides in this recording: increase the excitation until it does")
+    open_ended = False
+    for i, (name, lower) in enumerate(zip(space.names, space.below, strict=True)):
+        low, high = (np.nan, np.nan) if space.scales[i] or name in at_bound else ci95[name]
+        least = float(p[lower]) * MERGED if lower >= 0 else 0.0  # what an interval must exceed to tell anything
+        hint, open_ended = hints.get(name, VARY), open_ended or (low <= least and (np.isinf(high) or lower >= 0))
+        if low > least and np.isinf(high):
+            result.append(f"{name}: at least {low:.2g}, not told from above: {hint}")
+        elif low <= least and np.isfinite(high):
+            why = f": {FLAT}" if lower >= 0 else f", not told from below: {hint}"
+            result.append(f"{name}: at most {high:.2g}{why}")
+        elif name in hidden or low <= least:
+            result.append(f"{name} does not show in these data: {hint}")
+    value = dict(zip(space.names, p.tolist(), strict=True))
+    for name in at_limit:
+        more = ": the data show no such effect" if value[name] == 0 else ""
+        result.append(f"{name} ended at {value[name]:g}, its physical limit{more}")
+    for name in at_bound:
+        i = space.names.index(name)
+        lower = space.below[i]
+        if lower >= 0 and value[name] < MERGED * p[lower]:
+            result.append(f"{name} ended at {space.names[lower]}: {FLAT}")
+            continue
+        nothing = name in ("mu_c", "sigma_2") and value[name] < 2 * space.low[i]
+        either = "leave it out: this model wants none" if nothing else "hold it fixed"
+        result.append(f"{name} ended at its bound, {value[name]:.3g}: widen bounds.{name}, or {either}")
+    if value.get("v_s", 0.0) > BROAD * fastest > 0:
+        bend = "the Stribeck term bends the whole curve and stands for something else"
+        result.append(f"v_s is as large as the speeds in these data: {bend}; take a law without it")
+    result += sentences(space.names, np.nan_to_num(correlation_of(covariance)), hints)
+    smooth = {name for model in problem.trials for item in model.inputs for name in item.names}
+    rough = [name for name in problem.channels.input_names if name in problem.sigmas and name not in smooth]
+    if rough and problem.joint:
+        result.append(f"too rough for a smooth path, taken as measured without noise: {', '.join(rough)}")
+    if not white or memory > CORRELATED:
+        span = f" stay correlated over {memory:.0f} samples" if memory > CORRELATED else " are no white noise"
+        result.append(
+            f"residuals{span}: the model lacks something (diagnose.py says what), its inputs are filtered, or a lower "
+            "minimum was not found; intervals are widened for the correlation"
+        )
+    outcome = CONVERGED if reason in ("converged", "stuck") else STOPPED
+    outcome = outcome if white else UNEXPLAINED
+    outcome = AT_BOUND if at_bound else UNIDENTIFIED if hidden or open_ended else outcome
+    outcome = outcome if slides and len(hidden) < len(p) else NO_EXCITATION
+    return outcome, tuple(result)
 
 
-def sentences(names: tuple[str, ...], correlation: np.ndarray, hints: Mapping[str, str], limit: float = 0.95):
+def sentences(names: tuple[str, ...], correlation: np.ndarray, hints: Mapping[str, str]) -> list[str]:
     """One sentence for each pair of parameters that the data hardly separate."""
     result = []
     for i, first in enumerate(names):
         for j in range(i):
             r = correlation[i, j]
-            if abs(r) > limit:
-                hint = hints.get(first) or hints.get(names[j]) or "vary the excitation"
+            if abs(r) > INSEPARABLE:
+                hint = hints.get(first) or hints.get(names[j]) or VARY
                 result.append(f"{names[j]} and {first} move together (correlation {r:.2f}): {hint}")
     return result

@@ -1,9 +1,14 @@
-"""Levenberg-Marquardt with a few global unknowns and many that belong to one trial each."""
+"""Descent of a likelihood with a few global unknowns and many that belong to one trial each.
+
+By Levenberg and Marquardt's method; where it is rugged from a coarse resolution in time to the single sample, and back.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -14,9 +19,15 @@ from .trial import Piece
 
 LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
 FAINT = 0.01  # added to the curvature in log u: that of an unknown told to ten powers of e, which tells nothing
-STUCK, PATIENCE = 1e12, 5  # damping beyond which no step will help; rejected steps in a row
+STUCK, MOST_REJECTED = 1e12, 5  # damping beyond which no step will help; rejected steps in a row
 TRUSTED = 0.75, 1.5  # decrease over that predicted
 SMALL = 5.0  # times the decrease asked for: two steps in a row that gain less end the search (the cost has kinks)
+SAME_MINIMUM = 0.2  # log-likelihood: a point that is as near to a minimum as that lies in it
+ROUGHLY: dict[str, Any] = {"iterations": 20, "decrease": 0.1}  # of a search at a coarse resolution
+CLOSELY: dict[str, Any] = {"iterations": 20, "decrease": 0.03}  # at the sample; noise levels are refined afterwards
+
+# Reasons of solutions that no descent ended: a minimum that was known, values to start from, no simulations left.
+KNOWN, GIVEN, BUDGET = "known", "as given", "budget"
 
 
 @dataclass(frozen=True)
@@ -46,23 +57,25 @@ class State:
 
 @dataclass(frozen=True)
 class Solution:
-    """Where the search ended, after how many evaluations with derivatives and without, and why."""
+    """Where a search ended, and why: "converged", "stuck", "too many iterations"; or one of the reasons above."""
 
     state: State
-    iterations: int
-    evaluations: int
     reason: str
 
 
-KNOWN = "known"  # reason of a solution that was given, not searched
-Evaluate = Callable[..., State | None]  # (u, locals, derivatives, **options of Problem.evaluate)
+Evaluate = Callable[..., State | None]  # see Problem.evaluator
+Limits = tuple[np.ndarray, np.ndarray]  # bounds of u
 
 
 def reduced(state: State, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray, list]:
     """Eliminate the local unknowns: Schur complement (n_g, n_g), its gradient (n_g,), and what back-substitution needs.
 
     With H = [[A, B], [B', C]] and C block diagonal over trials, S = A - sum_b B_b C_b^-1 B_b'. Damping adds
-    ``damping`` times the diagonal of H first.
+    ``damping`` times the diagonal of H first. Back-substitution needs C_b^-1 [B_b', g_b] of every trial, None where it
+    has no unknowns.
+
+    Raises:
+        numpy.linalg.LinAlgError: a trial's own block is not positive definite.
     """
     n = len(state.u)
     S, g = np.zeros((n, n)), np.zeros(n)
@@ -79,24 +92,39 @@ def reduced(state: State, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray,
         matrix = piece.ll * scale[:, None] * scale
         matrix[np.diag_indices_from(matrix)] = 1 + damping + 1e-13
         right = np.column_stack([piece.gl.T, piece.grad_l]) * scale[:, None]
-        X = _solved(matrix, right) * scale[:, None]
+        X, fault = dposv(matrix, right)[1:]  # without checks that take ten times as long for a small matrix
+        if fault:
+            raise np.linalg.LinAlgError(f"not positive definite: minor {fault}")
+        X = X * scale[:, None]
         S -= piece.gl @ X[:, :n]
         g -= piece.gl @ X[:, n]
         back.append(X)
     return S, g, back
 
 
-def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """matrix^-1 right of a positive definite matrix, without checks that take ten times as long for a small one."""
-    X, fault = dposv(matrix, right)[1:]
-    if fault:
-        raise np.linalg.LinAlgError(f"not positive definite: minor {fault}")
-    return X
+def invert(information: np.ndarray) -> np.ndarray:
+    """Inverse of a symmetric positive matrix whose entries differ by decades; huge entries where it is singular."""
+    scale = 1 / np.sqrt(np.maximum(information.diagonal(), 1e-300))
+    scaled = information * scale[:, None] * scale
+    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
+    values = np.maximum(values, 1e-14)
+    return (vectors / values) @ vectors.T * scale[:, None] * scale
 
 
-def _step(
-    state: State, damping: float, limits: tuple[np.ndarray, np.ndarray]
-) -> tuple[np.ndarray, list[np.ndarray], float] | None:
+def moved(
+    state: State, step: np.ndarray, limits: Limits, longest: float = LONGEST_STEP
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Global unknowns after a step from a minimum, (n_g,), and the local ones of every trial as the model moves them.
+
+    The step is shortened to ``longest`` and ends at the limits. With the quadratic model's minimum at the state, x_l
+    moves by -C^-1 B' times the step of u.
+    """
+    back, n = reduced(state)[2], len(state.u)
+    u = np.clip(state.u + step * min(1.0, longest / max(np.abs(step).max(), 1e-12)), *limits)
+    return u, [x if X is None else x - X[:, :n] @ (u - state.u) for x, X in zip(state.locals, back, strict=True)]
+
+
+def _step(state: State, damping: float, limits: Limits) -> tuple[np.ndarray, list[np.ndarray], float] | None:
     """Damped Gauss-Newton step (global, local) and the decrease that the quadratic model predicts for it.
 
     It minimises the model within the limits, and is shortened to ``LONGEST_STEP``. An unknown that hardly shows would
@@ -131,44 +159,35 @@ def _step(
 
 
 def levenberg_marquardt(
-    evaluate: Evaluate,
-    start: State,
-    limits: tuple[np.ndarray, np.ndarray],
-    *,
-    iterations: int = 60,
-    relative: float = 1e-10,
-    decrease: float = 3e-3,
-    damping: float = 1e-3,
+    evaluate: Evaluate, start: State, limits: Limits, *, iterations: int = 60, decrease: float = 3e-3
 ) -> Solution:
     """Minimise the cost within bounds on the global unknowns.
 
     A trial step for which the model cannot be simulated is rejected like one that raises the cost. Steps end at the
-    bounds: each minimises the quadratic model within them. The search ends where the cost changes by less than
-    ``relative`` of itself, or the undamped model promises less than ``decrease`` (in units of the log-likelihood).
+    bounds: each minimises the quadratic model within them. The search ends where the undamped model promises less than
+    ``decrease`` (in units of the log-likelihood), where two steps in a row gain hardly more, or after ``iterations``.
 
     Args:
-        evaluate: (u, locals, derivatives, **options) -> State, or None where the model cannot be simulated; options
-            as of :meth:`Problem.evaluate`.
+        evaluate: the cost, see :meth:`frictionpinn.identify.Problem.evaluator`.
         start: with derivatives.
         limits: bounds of u.
+        iterations, decrease: steps at most, and what is worth one.
 
     Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05 (1999), for the damping.
     """
-    state, growth, evaluations, small, reason = start, 2.0, 0, 0, "too many iterations"
+    state, damping, growth, small = start, 1e-3, 2.0, 0
     trust = False  # the last step came out as predicted: the next is taken with derivatives at once
-    low, high = limits
-    for iteration in range(iterations):
+    for _ in range(iterations):
         full = _step(state, 0.0, limits)
         if full is not None and abs(full[2]) < decrease:
-            return Solution(state, iteration, evaluations, "converged")
+            return Solution(state, "converged")
         rejected = 0
         while True:
-            step = _step(state, damping, limits)
-            better = None
+            step, better = _step(state, damping, limits), None
             if step is not None:
-                u = np.clip(state.u + step[0], low, high)
+                u = np.clip(state.u + step[0], *limits)
                 locals_ = [x + d for x, d in zip(state.locals, step[1], strict=True)]
-                better, evaluations = evaluate(u, locals_, trust, strict=True), evaluations + 1
+                better = evaluate(u, locals_, trust, strict=True)
             gain = state.cost - better.cost if better else -np.inf
             if step is not None and better is not None and gain > 0:
                 ratio = gain / max(step[2], 1e-300)
@@ -179,11 +198,49 @@ def levenberg_marquardt(
             trust = False
             damping, growth = max(damping, 1e-9) * growth, growth * 2
             rejected += 1
-            if damping > STUCK or rejected > PATIENCE:
-                return Solution(state, iteration, evaluations, "stuck")
-        small = small + 1 if gain < max(relative * state.cost, SMALL * decrease) else 0
+            if damping > STUCK or rejected > MOST_REJECTED:
+                return Solution(state, "stuck")
+        small = small + 1 if gain < max(1e-10 * state.cost, SMALL * decrease) else 0
         found = better if known else evaluate(better.u, better.locals, True, ran=better)
-        state = found if found is not None else replace(better, pieces=state.pieces)
-        if small > 1 or found is None:
-            return Solution(state, iteration + 1, evaluations, "converged" if found else "stuck")
-    return Solution(state, iterations, evaluations, reason)
+        if found is None:
+            return Solution(replace(better, pieces=state.pieces), "stuck")
+        state = found
+        if small > 1:
+            return Solution(state, "converged")
+    return Solution(state, "too many iterations")
+
+
+def coarse_to_fine(evaluate: Evaluate, first: State, limits: Limits, widths: Sequence[float]) -> Solution | None:
+    """Follow the minimum from the unknowns ``first`` at a coarse resolution in time to a finer one.
+
+    Each of ``widths``, s, the coarsest first, starts where the one before ended. Returns the minimum at the last; None
+    where the model cannot be simulated there.
+    """
+    found: Solution | None = None
+    state = first
+    for width in widths:
+        at = partial(evaluate, width=width)
+        begun = at(state.u, state.locals, True)
+        found = None if begun is None else levenberg_marquardt(at, begun, limits, **(ROUGHLY if width else CLOSELY))
+        state = state if found is None else found.state
+    return found
+
+
+def cycled(evaluate: Evaluate, found: Solution, limits: Limits, widths: Sequence[float]) -> list[Solution]:
+    """The minimum and others found from it by going back to a coarser resolution and down again, lowest first.
+
+    Each time farther back: one level, half of them, all.
+    """
+    minima = [found]
+    for depth in sorted({1, len(widths) // 2, len(widths) - 1} - {0}):
+        other = coarse_to_fine(evaluate, minima[0].state, limits, widths[-1 - depth :])
+        if other is not None and not same_minimum(minima[0].state, other.state):
+            minima = sorted([*minima, other], key=lambda solution: solution.state.cost)
+    return minima
+
+
+def same_minimum(best: State, state: State) -> bool:
+    """Whether a state lies in the minimum of ``best``: as near as a fraction of its errors, and about as low."""
+    d = state.u - best.u
+    near = 0.5 * d @ reduced(best)[0] @ d < SAME_MINIMUM
+    return bool(near and abs(state.cost - best.cost) < SAME_MINIMUM)

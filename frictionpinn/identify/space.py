@@ -1,19 +1,21 @@
-"""The unknown parameters of an estimation, and the coordinates in which they are searched."""
+"""The unknown parameters of an estimation: the coordinates in which they are searched, and what is known of them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import sympy as sp
 
-from ..errors import UserError, nearest
-from ..physics.base import Parameter
+from ..errors import UserError
 from ..physics.mechanism import Mechanism
 
 LEAST_GAP = 1e-3  # of the lower bound: two parameters that must not cross stay this far apart
+TINY, HUGE = 1e-300, 700.0  # values below which and exponents beyond which a logarithm has no number
+EXCESS = 0.5  # (mu_s - mu_c) / mu_c: dry contacts have 0.1 to 2
+SPREADS = {"mu_s": 1.0, "v_s": 1.5}  # standard deviations of the logarithm: 95 % within factors of 7 and 19
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Space:
         names: free parameters, in the mechanism's order.
         low, high: their bounds, SI units, shape (n,); -inf and inf where there is none.
         below: index of the free parameter that each must exceed, or -1.
-        scales: 0 for a logarithmic parameter, else the unit in which it is searched.
+        scales: 0 for a logarithmic parameter, else the unit in which it is searched, SI units, shape (n,).
     """
 
     names: tuple[str, ...]
@@ -41,19 +43,22 @@ class Space:
         cls,
         mechanism: Mechanism,
         names: Sequence[str],
-        bounds: Mapping[str, Sequence[float]],
+        bounds: Mapping[str, Sequence[float] | None],
         fixed: Mapping[str, float],
         sizes: Mapping[str, float] | None = None,
     ) -> Space:
         """Check names and bounds against the mechanism's parameters.
 
         Args:
+            mechanism, names: the parameters, and which are free.
+            bounds: name -> (low, high), SI units; the physical range where there are none.
+            fixed: name -> value of those that are known, SI units.
             sizes: name -> unit in which it is searched if it may be zero; by default half the width of its bounds.
 
         Raises:
             UserError: an unknown name, bounds that are empty or outside the parameter's physical range.
         """
-        check_names(mechanism, (*names, *bounds))
+        mechanism.check_names((*names, *bounds), "free")
         table = {par.name: par for par in mechanism.parameters}
         ordered = tuple(name for name in table if name in names)
         if not ordered:
@@ -61,16 +66,13 @@ class Space:
         low = np.array([table[name].low for name in ordered], dtype=float)
         high = np.array([table[name].high for name in ordered], dtype=float)
         for i, name in enumerate(ordered):
-            if bounds.get(name) is None:
+            given = bounds.get(name)
+            if given is None:
                 continue
-            pair = tuple(float(value) for value in bounds[name])
+            pair = tuple(float(value) for value in given)
             if len(pair) != 2 or not low[i] <= pair[0] < pair[1] <= high[i]:
-                raise UserError(
-                    "impossible bounds",
-                    where=f"bounds.{name}",
-                    received=pair,
-                    allowed=f"two numbers, the lower first, within {low[i]:g} to {high[i]:g}",
-                )
+                raise UserError("impossible bounds", where=f"bounds.{name}", received=pair,
+                                allowed=f"two numbers, the lower first, within {low[i]:g} to {high[i]:g}")  # fmt: skip
             low[i], high[i] = pair
         below = [-1] * len(ordered)
         for upper, lower in _order(mechanism):
@@ -82,16 +84,18 @@ class Space:
             elif lower in ordered and upper in fixed:
                 i = ordered.index(lower)
                 high[i] = min(high[i], fixed[upper] * (1 - LEAST_GAP))
-        sizes = sizes or {}
-        scales = [
-            sizes.get(name) or _scale(low[i], high[i], table[name].neutral) if _linear(table[name]) else 0.0
-            for i, name in enumerate(ordered)
-        ]
-        return cls(ordered, low, high, tuple(below), np.array(scales))
+        scales = np.zeros(len(ordered))
+        for i, name in enumerate(ordered):
+            par, width = table[name], high[i] - low[i]
+            if par.low < 0 or par.low == par.neutral:
+                usual = width / 2 if math.isfinite(width) else max(abs(par.neutral or 0.0), 1.0)
+                scales[i] = (sizes or {}).get(name) or usual
+        return cls(ordered, low, high, tuple(below), scales)
 
-    def to_search(self, p: np.ndarray) -> np.ndarray:
-        """Return u, shape (n,), of parameters p, shape (n,); p is moved inside the bounds first."""
-        p = np.clip(p, self.low, self.high)
+    def to_search(self, values: Mapping[str, float] | np.ndarray) -> np.ndarray:
+        """Return u, shape (n,), of parameters, SI units, by name or shape (n,); they are moved inside the bounds."""
+        given = [values[name] for name in self.names] if isinstance(values, Mapping) else values
+        p = np.clip(np.asarray(given, dtype=float), self.low, self.high)
         u = np.empty(len(p))
         for i, lower in enumerate(self.below):
             if self.scales[i]:
@@ -99,22 +103,38 @@ class Space:
             elif lower >= 0:
                 u[i] = math.log(max(p[i] - p[lower], LEAST_GAP * p[lower]))
             else:
-                u[i] = math.log(max(p[i], 1e-300))
+                u[i] = math.log(max(p[i], TINY))
         return np.clip(u, *self.limits)
 
     def to_values(self, u: np.ndarray) -> np.ndarray:
         """Return the parameters p, SI units, shape (n,), at u, shape (n,)."""
-        p = np.where(self.scales > 0, u * self.scales, np.exp(np.minimum(u, 700.0)))
-        return np.array([p[i] + (p[lower] if lower >= 0 else 0.0) for i, lower in enumerate(self.below)])
+        own = self.own(u)
+        return np.array([x + (own[lower] if lower >= 0 else 0.0) for x, lower in zip(own, self.below, strict=True)])
+
+    def named(self, u: np.ndarray) -> dict[str, float]:
+        """Return the parameters by name, SI units, at u, shape (n,)."""
+        return dict(zip(self.names, self.to_values(u).tolist(), strict=True))
+
+    def own(self, u: np.ndarray) -> np.ndarray:
+        """Return p, or its excess over the parameter that it must exceed, SI units, shape (n,), at u, shape (n,)."""
+        return np.where(self.scales > 0, u * self.scales, np.exp(np.minimum(u, HUGE)))
 
     def jacobian(self, u: np.ndarray) -> np.ndarray:
         """Return dp/du, shape (n, n)."""
-        own = np.where(self.scales > 0, self.scales, np.exp(np.minimum(u, 700.0)))
-        result = np.diag(own)
+        result = np.diag(np.where(self.scales > 0, self.scales, self.own(u)))
         for i, lower in enumerate(self.below):
             if lower >= 0:
                 result[i] += result[lower]
         return result
+
+    @property
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """name -> (low, high), SI units."""
+        return dict(zip(self.names, zip(self.low.tolist(), self.high.tolist(), strict=True), strict=True))
+
+    def reaching(self, values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+        """The bounds moved out as far as these values, SI units."""
+        return {name: (min(low, values[name]), max(high, values[name])) for name, (low, high) in self.bounds.items()}
 
     @property
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
@@ -125,31 +145,64 @@ class Space:
                 low[i] = max(self.low[i] - self.high[lower], LEAST_GAP * max(self.low[lower], 1e-12))
                 high[i] = self.high[i] - self.low[lower]
         with np.errstate(divide="ignore"):
-            logs = np.log(np.maximum(low, 1e-300)), np.log(np.maximum(high, 1e-300))
-        unit = np.where(self.scales > 0, self.scales, 1.0)
+            logs = np.log(np.maximum(low, TINY)), np.log(np.maximum(high, TINY))
         signed = self.scales > 0
+        unit = np.where(signed, self.scales, 1.0)
         return np.where(signed, low / unit, logs[0]), np.where(signed, high / unit, logs[1])
 
 
-def check_names(mechanism: Mechanism, names: Iterable[str]) -> None:
-    """Raise :class:`UserError` for a name that is no parameter of the mechanism."""
-    table = [par.name for par in mechanism.parameters]
-    for name in names:
-        if name not in table:
-            fix = nearest(name, table) or "use one of these"
-            raise UserError("unknown parameter", where=f"free.{name}", allowed=", ".join(table), fix=fix)
+@dataclass(frozen=True)
+class Prior:
+    """What is known of static friction and Stribeck velocity before any recording, as rows A u = b of unit deviation.
 
+    log((mu_s - mu_c) / mu_c) is about log 0.5, and v_s about a fiftieth of the slip velocity (root mean square), both
+    log-normal. Few samples tell these two: where a search has one of them at an end of its range, the other shows no
+    more, and from a likelihood so flat no descent comes back. Intervals are those of the likelihood alone.
 
-def check_fixed(mechanism: Mechanism, fixed: Mapping[str, float]) -> None:
-    """Raise :class:`UserError` for a known parameter whose value is no number of its physical range."""
-    table = {par.name: par for par in mechanism.parameters}
-    for name, value in fixed.items():
-        par = table[name]
-        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-        if not number or not par.low <= value <= par.high:
-            unit = "" if par.unit == "1" else f" {par.unit}"
-            raise UserError("impossible value", where=f"fixed.{name}", received=value,
-                            allowed=f"a number from {par.low:g} to {par.high:g}{unit}")  # fmt: skip
+    Attributes:
+        rows: A, shape (n, n_u).
+        target: b, shape (n,).
+        about: name -> what is expected, in words.
+        expected: name -> value about which a prior is put, SI units.
+    """
+
+    rows: np.ndarray
+    target: np.ndarray
+    about: dict[str, str]
+    expected: Mapping[str, float]
+
+    @classmethod
+    def of(cls, space: Space, expected: Mapping[str, float], fixed: Mapping[str, float]) -> Prior:
+        """The prior of those of the two that are free in the space and expected somewhere."""
+        rows: list[np.ndarray] = []
+        target: list[float] = []
+        about: dict[str, str] = {}
+        for name, spread in SPREADS.items():
+            if name not in space.names or name not in expected:
+                continue
+            i = space.names.index(name)
+            row, lower = np.zeros(len(space.names)), space.below[i]
+            row[i] = 1.0
+            if name == "mu_s" and lower >= 0:
+                row[lower], value = -1.0, np.log(EXCESS)
+                about[name] = f"{1 + EXCESS:g} mu_c, its excess over mu_c within a factor of {np.exp(2 * spread):.2g}"
+            else:
+                middle = (1 + EXCESS) * fixed["mu_c"] if name == "mu_s" and "mu_c" in fixed else float(expected[name])
+                value = np.log(middle)
+                about[name] = f"{middle:.2g}, within a factor of {np.exp(2 * spread):.2g}"
+            rows.append(row / spread)
+            target.append(value / spread)
+        own = {name: expected[name] for name in SPREADS if name in expected}
+        return cls(np.array(rows).reshape(len(rows), len(space.names)), np.array(target), about, own)
+
+    @property
+    def information(self) -> np.ndarray:
+        """What it adds to the information on u, shape (n_u, n_u)."""
+        return self.rows.T @ self.rows
+
+    def distance(self, u: np.ndarray) -> np.ndarray:
+        """A u - b at u, shape (n,): half its square is what the prior costs."""
+        return self.rows @ u - self.target
 
 
 def _order(mechanism: Mechanism) -> list[tuple[str, str]]:
@@ -162,14 +215,3 @@ def _order(mechanism: Mechanism) -> list[tuple[str, str]]:
         if len(upper) == len(lower) == 1 and len(expr.free_symbols) == 2:
             pairs.append((names[upper[0]], names[lower[0]]))
     return pairs
-
-
-def _linear(par: Parameter) -> bool:
-    return par.low < 0 or par.low == par.neutral
-
-
-def _scale(low: float, high: float, neutral: float | None) -> float:
-    width = high - low
-    if math.isfinite(width):
-        return width / 2
-    return max(abs(neutral or 0.0), 1.0)

@@ -4,45 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from ..numerics.gram import combined, gram
 from ..numerics.paths import Directions, InputPath
+from ..numerics.resolution import averaged, samples_within
 from ..numerics.simulate import Simulation, Simulator
-from .gram import combined, gram
-from .inputs import PathBasis
+from ..numerics.spline_basis import NoisyInput
 from .loss import Loss
-from .resolution import averaged, samples_within
 
 RELATIVE_FLOOR = 1e-12  # of the largest diagonal entry: keeps what no signal sees from making a matrix singular
-
-
-@dataclass(frozen=True)
-class NoisyInput:
-    """A measured input whose path is a spline: columns of u, measured signals, fitted coefficients.
-
-    Attributes:
-        names: its signals.
-        columns: their places in u.
-        basis: the spline's basis.
-        y: measured signals, shape (len(names), n), NaN where missing.
-        coefficients: least-squares fit to them alone, shape (basis.size,).
-    """
-
-    names: tuple[str, ...]
-    columns: tuple[int, ...]
-    basis: PathBasis
-    y: np.ndarray
-    coefficients: np.ndarray
+REACH = 2.0  # times the largest friction force: how far from zero the initial bristle force may be
 
 
 @dataclass(frozen=True)
 class Piece:
     """Contribution of one trial to the cost: value, gradient and Gauss-Newton matrix, split into global and local.
 
-    ``residuals`` holds model minus measurement by signal, in SI units; ``run`` the simulation, where it was asked to be
-    ``strict``: derivatives can be added to it.
+    Attributes:
+        cost: half the sum of squares (or of the robust cost).
+        residuals: signal -> model minus measurement, shape (n,), SI units.
+        gg, gl, ll: blocks of the Gauss-Newton matrix, (n_g, n_g), (n_g, n_l), (n_l, n_l); empty without derivatives.
+        grad_g, grad_l: gradient, (n_g,), (n_l,); empty without derivatives.
+        run: the simulation, where it was asked to be ``strict``: derivatives can be added to it.
+        steps: that the integrator took for it.
     """
 
     cost: float
@@ -53,6 +41,7 @@ class Piece:
     grad_g: np.ndarray = field(default_factory=lambda: np.zeros(0))
     grad_l: np.ndarray = field(default_factory=lambda: np.zeros(0))
     run: Simulation | None = field(default=None, repr=False)
+    steps: int = 0
 
 
 @dataclass(frozen=True)
@@ -63,8 +52,7 @@ class TrialModel:
         simulator: of the mechanism.
         trial: name of the trial (and window).
         t: times, s, shape (n,).
-        outputs: name of a measured signal -> name of the model's, ("x" -> "x"; "force" -> "F" of a damper
-            without effects).
+        outputs: measured signal -> the model's ("x" -> "x"; "force" -> "F" of a damper without effects).
         y: measured outputs, shape (n_out, n), NaN where missing.
         base: input path without the noisy inputs.
         inputs: noisy inputs.
@@ -87,7 +75,7 @@ class TrialModel:
     force_scale: float = 1.0
     directions: Directions | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.directions is not None or not self.inputs:
             return
         directions: dict[str, InputPath] = {}
@@ -113,20 +101,21 @@ class TrialModel:
         states = [self.start[name] for name in self.states]
         return np.concatenate([states, *(item.coefficients for item in self.inputs)])
 
+    def coefficients(self, local: np.ndarray) -> list[np.ndarray]:
+        """Coefficients of every noisy input: those among the local unknowns, or as fitted to the inputs alone."""
+        ends = np.cumsum([len(self.states), *(item.basis.size for item in self.inputs)])
+        if len(local) == len(self.states):
+            return [item.coefficients for item in self.inputs]
+        return [local[first:end] for first, end in pairwise(ends)]
+
     def path(self, local: np.ndarray) -> InputPath:
         """Input path at the local unknowns."""
         if not self.inputs:
             return self.base
-        coefficients, first = self.base.coefficients.copy(), len(self.states)
-        for item, values in self._split(local, first):
+        coefficients = self.base.coefficients.copy()
+        for item, values in zip(self.inputs, self.coefficients(local), strict=True):
             coefficients[:, list(item.columns)] = combined(values, item.basis.pieces)
         return self.base.through(coefficients)
-
-    def _split(self, local: np.ndarray, first: int):
-        for item in self.inputs:
-            given = len(local) > len(self.states)
-            yield item, local[first : first + item.basis.size] if given else item.coefficients
-            first += item.basis.size
 
     def initial(self, p: Mapping[str, float], local: np.ndarray) -> dict[str, float]:
         """Initial state by name, SI units."""
@@ -136,6 +125,22 @@ class TrialModel:
             y0["z"] /= p["sigma_0"]
         return y0
 
+    def in_equilibrium(self, p: Mapping[str, float]) -> TrialModel:
+        """The model whose initial bristle force, if it is unknown, starts in equilibrium at the parameters p, SI units.
+
+        Raises:
+            ContactLost, SimulationFailed: the model cannot be simulated there.
+        """
+        if "z" not in self.states:
+            return self
+        start = {name: value for name, value in self.start.items() if name != "z"}
+        steady = replace(self, states=(), start=start, inputs=(), base=self.path(self.local), directions=None)
+        run = steady.simulate(p, np.zeros(0))
+        z, largest = float(run.z[0]), float(np.abs(run.z).max())
+        if "sigma_0" in p:
+            z, largest = z * p["sigma_0"], float(np.abs(run.F).max())
+        return replace(self, start=self.start | {"z": z}, force_scale=REACH * largest or 1.0)
+
     def simulate(
         self,
         p: Mapping[str, float],
@@ -143,29 +148,36 @@ class TrialModel:
         names: Sequence[str] = (),
         joint: bool = False,
         ran: Simulation | None = None,
-        **options,
+        **options: Any,
     ) -> Simulation:
         """Simulate at the parameters and local unknowns, with sensitivities of what is measured if ``names`` are given.
 
-        ``ran`` is a strict simulation there, to which they are added.
+        ``ran`` is a strict simulation there, to which they are added; ``options`` are those of the simulator.
         """
         wanted = [*names, *(f"{state}(0)" for state in self.states)] if names else []
         directions: Any = self.directions if names and joint and self.directions is not None else {}
         path, y0, contact = self.path(local), self.initial(p, local), self.contact
-        if ran is None or not names:
-            return self.simulator.simulate(
-                self.t,
-                path,
-                p,
-                y0,
-                z0="steady",
-                sensitivities=wanted,
-                directions=directions,
-                contact=contact,
-                **options,
-            )
-        changes = self.simulator.differentiate(ran, path, p, wanted, directions, steady="z" not in y0, contact=contact)
-        return replace(ran, sensitivity_names=(*wanted, *directions), sensitivities=changes)
+        if ran is not None and names:
+            steady = "z" not in y0
+            changes = self.simulator.differentiate(ran, path, p, wanted, directions, steady=steady, contact=contact)
+            return replace(ran, sensitivity_names=(*wanted, *directions), sensitivities=changes)
+        return self.simulator.simulate(
+            self.t, path, p, y0, z0="steady", sensitivities=wanted, directions=directions, contact=contact, **options
+        )
+
+    def predict(self, run: Simulation) -> np.ndarray:
+        """What a simulation says of the measured outputs, shape (n_out, n), SI units."""
+        return np.stack([run.F if key == "F" else run.signals[key] for key in self.outputs.values()])
+
+    def derivatives(self, run: Simulation, p: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
+        """Derivatives of the outputs in the parameters ``names``, then in the local unknowns, (n_out, n, n_d)."""
+        J = np.ascontiguousarray(np.stack([run.sensitivities[key] for key in self.outputs.values()]))
+        if "z" in self.states and "sigma_0" in p:  # the unknown is the force sigma_0 z
+            column = len(names) + self.states.index("z")
+            if "sigma_0" in names:
+                J[:, :, list(names).index("sigma_0")] -= J[:, :, column] * run.z[0] / p["sigma_0"]
+            J[:, :, column] /= p["sigma_0"]
+        return J
 
     def evaluate(
         self,
@@ -177,25 +189,32 @@ class TrialModel:
         joint: bool = False,
         ran: Simulation | None = None,
         width: float = 0.0,
-        **options,
+        **options: Any,
     ) -> Piece:
-        """Cost of the trial, and with ``names`` of free parameters its derivatives (from ``ran`` as in ``simulate``).
+        """Cost of the trial, and with ``names`` of free parameters its derivatives, in SI units.
 
-        The derivatives in the parameters are in their own units, those in the initial bristle in the bristle force's.
-        ``width``, s, is the resolution in time at which the outputs are compared; 0: sample by sample.
+        Args:
+            p, local: all parameters, SI units, and the local unknowns.
+            sigmas, loss: noise standard deviations by signal, SI units, and what a residual in these units costs.
+            names: parameters to differentiate by.
+            joint: whether the inputs' coefficients are among the unknowns; else they are as fitted to the inputs.
+            ran, options: see :meth:`simulate`.
+            width: resolution in time at which the outputs are compared, s; 0: sample by sample.
+
+        Raises:
+            ContactLost, SimulationFailed: the model cannot be simulated there.
         """
         run = self.simulate(p, local, names, joint, ran, **options)
+        steps = len(run.steps) if ran is None else 0
         model = self.predict(run)
         residuals = {name: row - y for name, row, y in zip(self.outputs, model, self.y, strict=True)}
         scale = np.array([sigmas[name] for name in self.outputs])
         measured, half = np.where(np.isnan(self.y), 0.0, 1.0), samples_within(self.t, width)
-        r = _without_gaps((model - self.y) / scale[:, None])
+        r = _filled((model - self.y) / scale[:, None])
         if half:
             r = averaged(np.ascontiguousarray(r[:, :, None]), measured, half)[:, :, 0]
         cost = loss.cost(r)
-        prior = self._prior(local)
-        cost += 0.5 * float(prior @ prior)
-        n_g, n_l, n_s = len(names), self.size(joint), len(self.states)
+        n_g, n_l, first = len(names), self.size(joint), len(self.states)
         if names:
             J = self.derivatives(run, p, names)
             if half:
@@ -203,56 +222,36 @@ class TrialModel:
             weight = measured * loss.weight(r) / scale[:, None] ** 2
             H, gradient = gram(J.reshape(-1, n_g + n_l), (r * scale[:, None]).reshape(-1), weight.reshape(-1))
             ll, grad_l = H[n_g:, n_g:].copy(), gradient[n_g:].copy()
-            if "z" in self.states:
-                i = self.states.index("z")
+        if "z" in self.states:  # held within what friction can be: where the body slides no signal sees it
+            i = self.states.index("z")
+            distance = float(local[i]) / self.force_scale
+            cost += 0.5 * distance**2
+            if names:
                 ll[i, i] += 1 / self.force_scale**2
-                grad_l[i] += prior[0] / self.force_scale
-        first = n_s
-        for item, values in self._split(local, n_s):
+                grad_l[i] += distance / self.force_scale
+        for item, values in zip(self.inputs, self.coefficients(local), strict=True):
             design, levels = item.basis.design, np.array([sigmas[name] for name in item.names])
             difference = design @ values - item.y
             residuals.update(zip(item.names, difference, strict=True))
             if not joint:
                 continue
-            r_in = _without_gaps(difference / levels[:, None])
+            r_in = _filled(difference / levels[:, None])
             cost += loss.cost(r_in)
             if names:
-                end = first + item.basis.size
+                own = slice(first, first + item.basis.size)
                 weight = np.where(np.isnan(item.y), 0.0, loss.weight(r_in) / levels[:, None] ** 2)
-                H_in, g_in = gram(
-                    design.reshape(-1, item.basis.size), (r_in * levels[:, None]).reshape(-1), weight.reshape(-1)
-                )
-                ll[first:end, first:end] += H_in
-                grad_l[first:end] += g_in
-                first = end
+                rows = design.reshape(-1, item.basis.size)
+                H_in, g_in = gram(rows, (r_in * levels[:, None]).reshape(-1), weight.reshape(-1))
+                ll[own, own] += H_in
+                grad_l[own] += g_in
+                first = own.stop
         if not names:
-            return Piece(cost, residuals, run=run if options.get("strict") else None)
+            return Piece(cost, residuals, run=run if options.get("strict") else None, steps=steps)
         ll[np.diag_indices(n_l)] += RELATIVE_FLOOR * (ll.diagonal().max() if n_l else 0.0)
-        return Piece(cost, residuals, H[:n_g, :n_g], H[:n_g, n_g:], ll, gradient[:n_g], grad_l)
-
-    def predict(self, run: Simulation) -> np.ndarray:
-        """What a simulation says of the measured outputs, shape (n_out, n), SI units."""
-        return np.stack([run.F if key == "F" else run.signals[key] for key in self.outputs.values()])
-
-    def _prior(self, local: np.ndarray) -> np.ndarray:
-        """The initial bristle force, held within what friction can be: where the body slides no signal sees it."""
-        if "z" not in self.states:
-            return np.zeros(0)
-        return local[[self.states.index("z")]] / self.force_scale
-
-    def derivatives(self, run: Simulation, p: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
-        """Derivatives of the outputs in the parameters ``names``, then in the local unknowns, (n_out, n, n_d)."""
-        J = np.ascontiguousarray(np.stack([run.sensitivities[key] for key in self.outputs.values()]))
-        if "z" in self.states and "sigma_0" in p:
-            column = len(names) + self.states.index("z")
-            if "sigma_0" in names:
-                z0 = run.z[0]
-                J[:, :, list(names).index("sigma_0")] -= J[:, :, column] * z0 / p["sigma_0"]
-            J[:, :, column] /= p["sigma_0"]
-        return J
+        return Piece(cost, residuals, H[:n_g, :n_g], H[:n_g, n_g:], ll, gradient[:n_g], grad_l, steps=steps)
 
 
-def _without_gaps(r: np.ndarray) -> np.ndarray:
+def _filled(r: np.ndarray) -> np.ndarray:
     """Residuals with zeros where nothing was measured, in place (np.nan_to_num takes ten times as long)."""
     r[np.isnan(r)] = 0.0
     return r

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from threading import Lock
 from types import MappingProxyType
 
 import numpy as np
@@ -33,8 +32,7 @@ class Simulator:
     analytic Jacobian, in an L-stable, stiffly accurate method of order 3 with adaptive steps that end at every
     sample. So the bristle's rate in sliding (2e4 1/s) does not limit the step, and the normal force may depend on
     the accelerations sought. A mechanism's first use on a machine compiles its equations (about a second).
-    ``steps_taken`` counts the steps of all simulations: effort that does not depend on the machine's load; ``outside``
-    holds the parameters that act elsewhere than in the equations: in a sensor, or by the delay of an input.
+    ``outside`` holds the parameters that act elsewhere than in the equations: in a sensor, or by the delay of an input.
 
     Source: Kvaerno, Singly diagonally implicit Runge-Kutta methods with an explicit first stage, BIT 44 (2004).
     """
@@ -48,7 +46,6 @@ class Simulator:
         self._sensors = Sensors(mechanism, self.parameter_names)
         free, memory = mechanism.free, mechanism.memory
         self.outside = frozenset({*self._drive.parameters, *self._sensors.own})
-        self.steps_taken, self._counting = 0, Lock()
         self.state_names = (*(c.signals[0] for c in free), *(c.signals[1] for c in free), *(["z"] if memory else []))
 
     def __reduce__(self):
@@ -126,7 +123,7 @@ class Simulator:
         path = self._drive.path(recorded, vector)
         start = self._start(y0, z0, path.coefficients[0, :, 0], vector)
         solve = STRICT if strict or wanted.names else PLAIN
-        found = integrate_path(self.kernels, path, vector, start, (rtol, atol, solve), steps, self._count)
+        found = integrate_path(self.kernels, path, vector, start, (rtol, atol, solve), steps)
         truth = observed(self.kernels, path, recorded, vector, *found)
         result = truth
         if shown := self._sensors.read(path.t, self._known(truth.signals, truth.F), vector):
@@ -190,10 +187,6 @@ class Simulator:
         contact = contact or self.mechanism.system.massless  # whose sensor shows a force
         changes = differentiate(self.kernels, path, p, run.states, run.unknowns, run.steps, wanted, steady, contact)
         return self.shown(run, inputs, p, changes, wanted.names)
-
-    def _count(self, steps: int) -> None:
-        with self._counting:
-            self.steps_taken += steps
 
     def acting(self, inputs: InputPath, p: np.ndarray) -> InputPath:
         """The path that acts at a parameter vector: delayed where an effect says so, with the clocks that enter."""

@@ -10,10 +10,13 @@ from ..errors import UserError
 
 
 class ContactLost(UserError):
-    """The normal force reached zero: the model of a contact that holds ends there. ``time`` is in s."""
+    """The normal force reached zero: the model of a contact that holds ends there.
 
-    def __init__(self, time: float):
-        self.time = float(time)
+    ``time`` is in s; ``steps`` tells how many the integrator took.
+    """
+
+    def __init__(self, time: float, steps: int = 0):
+        self.time, self.steps = float(time), steps
         super().__init__(
             f"contact lost at t = {time:.4f} s",
             allowed="a normal force above 0 throughout",
@@ -22,10 +25,10 @@ class ContactLost(UserError):
 
 
 class SimulationFailed(UserError):
-    """The equations could not be solved at some time. ``time`` is in s."""
+    """The equations could not be solved at some time, ``time`` in s, after ``steps`` of the integrator."""
 
-    def __init__(self, time: float, why: str, fix: str):
-        self.time = float(time)
+    def __init__(self, time: float, why: str, fix: str, steps: int = 0):
+        self.time, self.steps = float(time), steps
         super().__init__(f"simulation failed at t = {time:.4f} s: {why}", fix=fix)
 
 

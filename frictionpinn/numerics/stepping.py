@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from functools import cache
 from types import ModuleType
 
@@ -46,7 +45,6 @@ def integrate_path(
     start: np.ndarray,
     errors: tuple[float, float, float],
     steps: Steps | None,
-    count: Callable[[int], None],
 ) -> tuple[np.ndarray, np.ndarray, Steps]:
     """States (n, n_s) and unknowns (n, n_w) at the samples of a path, and the steps taken.
 
@@ -56,7 +54,6 @@ def integrate_path(
         start: initial state, shape (n_s,).
         errors: rtol, atol and how closely a stage is solved.
         steps: to take instead of choosing any.
-        count: told the steps taken, also where the solution ends early.
 
     Raises:
         ContactLost, SimulationFailed, UserError: see :meth:`Simulator.simulate`.
@@ -88,13 +85,14 @@ def integrate_path(
         taken.interval,
         taken.size,
     )
-    count(len(interval))
     if status == core.CONTACT_LOST:
-        raise ContactLost(time)
+        raise ContactLost(time, len(interval))
     if status == core.NOT_CONVERGED or not np.isfinite(states).all():
-        raise SimulationFailed(time, "Newton's method did not converge", "check the parameters and inputs there")
+        fix = "check the parameters and inputs there"
+        raise SimulationFailed(time, "Newton's method did not converge", fix, len(interval))
     if status != core.OK:
-        raise SimulationFailed(time, "the step became too small", "loosen rtol and atol, or smooth the inputs")
+        fix = "loosen rtol and atol, or smooth the inputs"
+        raise SimulationFailed(time, "the step became too small", fix, len(interval))
     return states, unknowns, Steps(interval, size, stages)
 
 
@@ -116,7 +114,7 @@ def observed(
     outputs = _integrator().evaluate_samples(pointer(kernels.plain.outputs), states, unknowns, path.samples, p, 3)
     v_slip, normal, friction = outputs.T
     if not (normal > 0).all():
-        raise ContactLost(path.t[int(np.argmin(normal > 0))])
+        raise ContactLost(path.t[int(np.argmin(normal > 0))], len(steps))
     q, v, a = states[:, :m], states[:, m : 2 * m], unknowns[:, :m]
     zero = np.zeros(len(path.t))
     z, zdot = (states[:, -1], unknowns[:, -1]) if mechanism.memory else (zero, zero)

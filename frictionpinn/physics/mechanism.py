@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Real
 from types import SimpleNamespace
 
 import sympy as sp
 
+from ..errors import UserError, nearest
 from .base import CONTACT, SESSION, TIME, TRIAL, Contact, FrictionLaw, Parameter
 from .effect import Effect, State
 from .effects import chosen
@@ -55,6 +59,25 @@ class Mechanism:
     def p(self) -> SimpleNamespace:
         """Symbols of the parameters."""
         return SimpleNamespace(**{par.name: par.symbol for par in self.parameters})
+
+    def check_names(self, names: Iterable[str], where: str) -> None:
+        """Raise :class:`UserError`, which tells ``where``, for a name that is no parameter of the mechanism."""
+        table = [par.name for par in self.parameters]
+        for name in names:
+            if name not in table:
+                fix = nearest(name, table) or "use one of these"
+                raise UserError("unknown parameter", where=f"{where}.{name}", allowed=", ".join(table), fix=fix)
+
+    def check_values(self, values: Mapping[str, object], where: str) -> None:
+        """Raise :class:`UserError`, which tells ``where``, for an unknown name or a value out of its physical range."""
+        self.check_names(values, where)
+        table = {par.name: par for par in self.parameters}
+        for name, value in values.items():
+            par, number = table[name], isinstance(value, Real) and not isinstance(value, bool)
+            if not number or not math.isfinite(value) or not par.low <= value <= par.high:  # type: ignore[arg-type, operator]
+                unit = "" if par.unit == "1" else f" {par.unit}"
+                raise UserError("impossible value", where=f"{where}.{name}", received=value,
+                                allowed=f"a number from {par.low:g} to {par.high:g}{unit}")  # fmt: skip
 
     @property
     def free(self) -> tuple[Coordinate, ...]:

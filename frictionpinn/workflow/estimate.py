@@ -15,10 +15,10 @@ from ..data.contact import contact_trials
 from ..data.module import TrajectoryData
 from ..data.recording import Recording
 from ..errors import UserError, choose, nearest
+from ..evaluate.search_methods import METHODS, search
 from ..identify.likelihood import maximum_likelihood
 from ..identify.problem import Problem
 from ..identify.result import CONVERGED, Estimate
-from ..identify.search_methods import METHODS, search
 from ..physics.mechanism import Mechanism
 from .build import Config, build_smoothing
 from .experiment import build_model
@@ -77,13 +77,7 @@ def given_start(start: Mapping[str, Any] | str | Path, mechanism: Mechanism) -> 
         UserError: names or values that the law cannot have; no such run, or one without parameters of this law.
     """
     if isinstance(start, Mapping):
-        table = {par.name: par for par in mechanism.parameters}
-        for name, value in start.items():
-            choose(name, table, "start")
-            number = isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
-            if not number or not table[name].low <= value <= table[name].high:
-                allowed = f"a number from {table[name].low:g} to {table[name].high:g}, SI unit"
-                raise UserError("impossible start value", where=f"start.{name}", received=value, allowed=allowed)
+        mechanism.check_values(start, "start")
         return {name: float(value) for name, value in start.items()}
     if not isinstance(start, str | Path) or not Path(start).exists():
         raise UserError("no such start", where="start", received=repr(start),
@@ -144,5 +138,4 @@ def network(
         0,
         time.perf_counter() - began,
         {},
-        details={"loss": {name: float(value) for name, value in model.parts.items()}},
     )

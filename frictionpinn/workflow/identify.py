@@ -152,12 +152,12 @@ class Scorer:
 def _entry(found: Estimate, processor: float, scorer: Scorer, start: Mapping[str, float]) -> dict[str, Any]:
     """What is kept of an estimate; ``trace``: processor time, s, and force error on the way, the start first."""
     values = dict(found.values)
-    rows, places = found.details.get("trace") or [], found.details.get("path") or []
+    path = found.path
     # Parameters that the data do not tell are not reported, but where a search ended with them can be simulated.
-    mse = scorer(dict(zip(found.names, places[-1], strict=True)) if places else values)
-    some: Any = np.unique(np.linspace(0, len(rows) - 1, TRACED).astype(int)) if rows else []
+    mse = scorer(path[-1].values if path else values)
+    some: Any = np.unique(np.linspace(0, len(path) - 1, TRACED).astype(int)) if path else []
     scale = processor / max(found.seconds, 1e-9)
-    trace = [[float(rows[k][0]) * scale, scorer(dict(zip(found.names, places[k], strict=True)))] for k in some]
+    trace = [[path[k].seconds * scale, scorer(path[k].values)] for k in some]
     if not trace and set(start) >= set(values):
         trace = [[0.0, scorer({name: start[name] for name in values})]]
     if "sigma_0" in values and "sigma_1" not in values and scorer.law == "lugre_tied":

@@ -13,7 +13,6 @@ from frictionpinn.data.read import find_files, read_recording
 from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.errors import UserError
-from frictionpinn.identify.build import windows_of
 from frictionpinn.physics import SYSTEMS
 
 T = np.arange(201) / 100  # 2 s
@@ -60,7 +59,7 @@ def test_selected_trials_keep_their_place():
 
 def test_windows_and_parts_and_thinned_trials_keep_their_place():
     recording = session(0.0, 0.0)
-    windows = windows_of(recording, 1.0)
+    windows = recording.cut(1.0, longest=1000, least=8)
     assert [w.start for w in windows] == pytest.approx([0.0, 1.0, 2.0, 3.0], abs=0.02)
     assert [w.session.offset for w in windows] == pytest.approx([0.0, 0.0, 2.0, 2.0])
     part = recording.trials[1].part(slice(150, None), "end")

@@ -188,7 +188,7 @@ def test_a_fit_settles_at_other_noise_levels_from_the_starts_of_its_search(made,
     monkeypatch.setattr(likelihood, "find_start", lambda *a, **k: pytest.fail("looked for starts again"))
     found = made.settle(louder)
     assert found.searched and found.starts == fit.starts
-    assert made.estimate.details["starts"]
+    assert made.estimate.minimum.starts
     assert made.starts[0].keys() == set(made.declared)
 
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
+from frictionpinn.diagnose.linear import Rows
 from frictionpinn.diagnose.noise import Noise, fit_noise, outliers
 from frictionpinn.diagnose.score import Columns, Normal, basis, log_p, project
-from frictionpinn.identify.linear import Rows
 
 WHITE = Noise({}, {}, {})
 

@@ -11,11 +11,9 @@ from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem, bound, maximum_likelihood
 from frictionpinn.identify.bound import bound_of
-from frictionpinn.identify.descent import coarse_to_fine, resolutions
-from frictionpinn.identify.likelihood import with_bristle
-from frictionpinn.identify.resolution import averaged, samples_within
-from frictionpinn.identify.solve import State, levenberg_marquardt
-from frictionpinn.identify.whiteness import SIGNIFICANCE, whiteness
+from frictionpinn.identify.solve import State, coarse_to_fine, levenberg_marquardt
+from frictionpinn.numerics.resolution import averaged, samples_within
+from frictionpinn.numerics.whiteness import SIGNIFICANCE, whiteness
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
@@ -81,7 +79,7 @@ def test_a_resolution_is_a_time_not_a_number_of_samples():
 
 
 def test_resolutions_end_at_the_single_sample(drive):
-    widths = resolutions(Problem(drive[0], drive[2]))
+    widths = Problem(drive[0], drive[2]).resolutions
     assert widths[-1] == 0.0 and widths[-2] >= 0.01
     assert widths == sorted(widths, reverse=True)
 
@@ -91,9 +89,9 @@ def test_from_coarse_to_fine_gets_where_the_single_sample_does_not(drive):
     problem = Problem(mechanism, noisy, sigmas=GaussianNoise(0.011).levels(clean))
     off = {"sigma_0": 2.0, "sigma_1": 0.7, "sigma_2": 1.0, "mu_c": 1.05, "mu_s": 0.85, "v_s": 2.0}
     u = problem.space.to_search(np.array([TRUTH[n] * off[n] for n in problem.names]))
-    models = with_bristle(problem, u)
+    models = problem.models_at(u)
     evaluate, locals_ = problem.evaluator(models), tuple(model.local for model in models)
-    down = coarse_to_fine(evaluate, State(u, locals_, ()), problem.space.limits, resolutions(problem))
+    down = coarse_to_fine(evaluate, State(u, locals_, ()), problem.space.limits, problem.resolutions)
     plain = levenberg_marquardt(evaluate, evaluate(u, locals_, True), problem.space.limits)
     assert down.state.cost < plain.state.cost - 50
 
@@ -103,9 +101,9 @@ def test_a_fit_is_not_behind_one_that_starts_at_the_truth(drive):
     estimate = maximum_likelihood(mechanism, noisy)
     problem = Problem(mechanism, noisy, sigmas=estimate.sigmas)
     u = problem.space.to_search(np.array([TRUTH[n] for n in problem.names]))
-    models = with_bristle(problem, u)
+    models = problem.models_at(u)
     first = State(u, tuple(model.local for model in models), ())
-    reference = coarse_to_fine(problem.evaluator(models), first, problem.space.limits, resolutions(problem))
+    reference = coarse_to_fine(problem.evaluator(models), first, problem.space.limits, problem.resolutions)
     assert estimate.outcome == "converged"
     assert estimate.cost < reference.state.cost + 2
     for name, (low, high) in estimate.ci95.items():

@@ -91,7 +91,7 @@ def test_every_strength_has_a_size_and_shows_in_the_signals(system):
     sizes = problem.space.scales
     assert np.isfinite(sizes).all() and (sizes > 0).all()
     u = problem.space.to_search(np.array([0.0 if n != "presliding" else 0.1 for n in problem.names]))
-    state = problem.evaluate(problem.trials, u, [m.local[: m.size(False)] for m in problem.trials], True)
+    state = problem.evaluator(problem.trials)(u, [m.local[: m.size(False)] for m in problem.trials], True)
     information = sum(piece.gg for piece in state.pieces)
     assert np.isfinite(information).all()
     silent = {name for name, value in zip(problem.names, information.diagonal(), strict=True) if value == 0}

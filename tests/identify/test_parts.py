@@ -1,6 +1,5 @@
 """The parts of the engine: search coordinates, splines, elimination, derivatives."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,16 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frictionpinn.identify import Problem
-from frictionpinn.identify.advice import correlation_time
-from frictionpinn.identify.assemble import WIDEST, _widened
-from frictionpinn.identify.gram import gram
-from frictionpinn.identify.inputs import PathBasis, choose_basis
-from frictionpinn.identify.likelihood import with_bristle
 from frictionpinn.identify.loss import choose_loss
 from frictionpinn.identify.solve import State, reduced
 from frictionpinn.identify.space import Space
 from frictionpinn.identify.start import lowest
 from frictionpinn.identify.trial import Piece
+from frictionpinn.identify.uncertainty import WIDEST, widened
+from frictionpinn.numerics.gram import gram
+from frictionpinn.numerics.spline_basis import PathBasis, choose_basis
+from frictionpinn.numerics.whiteness import correlation_time
 
 
 def space():
@@ -91,17 +89,16 @@ def test_weights_are_the_derivative_of_the_loss(loss):
 def test_gradient_is_the_derivative_of_the_cost(system, law):
     mechanism, truth, _, noisy, _ = case(system, law, (1,))
     problem = Problem(mechanism, noisy)
-    low, high = problem.space.low, problem.space.high
+    problem = problem.varied(limits=problem.space.reaching(truth))
     p = np.array([truth[name] for name in problem.names])
-    problem.space = replace(problem.space, low=np.minimum(low, p), high=np.maximum(high, p))
     u = problem.space.to_search(p * 1.05)
-    models = with_bristle(problem, u)
+    models = problem.models_at(u)
     local = [model.local for model in models]
     tight = {"rtol": 1e-8, "atol": 1e-9}
-    state = problem.evaluate(models, u, local, True, **tight)
+    state = problem.evaluator(models, **tight)(u, local, True)
 
     def cost(du, dl):
-        return problem.evaluate(models, u + du, [local[0] + dl], False, **tight).cost
+        return problem.evaluator(models, **tight)(u + du, [local[0] + dl], False).cost
 
     scale = np.sqrt(np.diag(state.pieces[0].gg))
     for i in range(len(u)):
@@ -121,8 +118,8 @@ def test_elimination_gives_the_block_of_the_full_inverse():
     mechanism, truth, _, noisy, _ = case("pob", "lugre", (1, 4))
     problem = Problem(mechanism, noisy)
     u = problem.space.to_search(np.array([truth[name] for name in problem.names]))
-    models = with_bristle(problem, u)
-    state = problem.evaluate(models, u, [model.local for model in models], True)
+    models = problem.models_at(u)
+    state = problem.evaluator(models)(u, [model.local for model in models], True)
     n, sizes = len(u), [len(piece.grad_l) for piece in state.pieces]
     full, first = np.zeros((n + sum(sizes),) * 2), n
     for piece, size in zip(state.pieces, sizes, strict=True):
@@ -166,5 +163,5 @@ def test_a_point_that_tells_less_widens_the_interval(information, factor):
     one = Space(("mu_c",), np.array([0.01]), np.array([1.0]), (-1,), np.zeros(1))
     u = np.log([0.1])
     beside = State(u + 0.3, (np.zeros(0),), (Piece(0.0, {}, np.array([[information]]), grad_g=np.zeros(1)),))
-    covariance = _widened(one, u, np.array([[1e-4]]), [beside], 1.0)
+    covariance = widened(one, u, np.array([[1e-4]]), [beside], 1.0)
     assert covariance[0, 0] == pytest.approx(1e-4 * factor**2)

@@ -126,8 +126,8 @@ def test_a_start_that_cannot_be_is_told_in_one_line(trained, tmp_path):
     for start, told in {
         "start=pe3": "did you mean 'pe2'|did you mean 'pe1'",
         "start={mu_k: 0.3}": "did you mean 'mu_",
-        "start={mu_c: -0.3}": "impossible start value: start.mu_c is -0.3",
-        "start={mu_c: high}": "impossible start value",
+        "start={mu_c: -0.3}": "impossible value: start.mu_c is -0.3",
+        "start={mu_c: high}": "impossible value: start.mu_c",
         f"start={trained['bb1']}": "train one: python train.py model=pe2",
         f"start={tmp_path}": "no result.json: start is",
     }.items():

@@ -5,9 +5,9 @@ import pytest
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.evaluate.search_methods import METHODS, search
 from frictionpinn.identify.problem import Problem
 from frictionpinn.identify.result import STOPPED
-from frictionpinn.identify.search_methods import METHODS, search
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
@@ -36,10 +36,10 @@ def test_every_method_finds_two_well_excited_parameters(problem, method):
 @pytest.mark.parametrize("method", METHODS)
 def test_the_trace_counts_every_simulation_and_only_improves(problem, method):
     estimate = search(method, problem, start={"mu_c": 4.5, "sigma_2": 1.0}, seed=2, simulations=120)
-    seconds, simulations, costs = zip(*estimate.details["trace"], strict=True)
+    seconds, simulations, costs = zip(*((at.seconds, at.simulations, at.cost) for at in estimate.path), strict=True)
     assert np.all(np.diff(costs) < 0) and np.all(np.diff(simulations) > 0) and np.all(np.diff(seconds) >= 0)
     assert simulations[-1] <= estimate.n_simulations <= 122
-    assert len(estimate.details["path"]) == len(costs)
+    assert estimate.path[-1].values == pytest.approx(estimate.values) and estimate.minimum is None
 
 
 def test_a_search_that_runs_out_of_simulations_says_so(problem):

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .loss import Loss
-from .trial import TrialModel
+from ..identify.loss import Loss
+from ..identify.trial import TrialModel
 
 
 @dataclass(frozen=True)

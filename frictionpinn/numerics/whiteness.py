@@ -1,4 +1,4 @@
-"""Whether residuals are noise: tests that ask for no noise level."""
+"""Whether residuals are white noise, by tests that ask for no noise level, and how long they stay correlated."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from scipy.stats import chi2, norm
 
 LAGS = 20  # of the portmanteau test: ringing that a model places wrongly is as fast as the samples
 SPANS = 4  # spans of the slow test: the longest given, each a fourth of the one before
-FAR = 5.0  # robust standard deviations at which residuals are cut: an outlier is no correlation
+OUTLYING = 5.0  # robust standard deviations at which residuals are cut: an outlier is no correlation
+FEWEST = 20  # samples of a series whose correlation time is worth asking for
 SIGNIFICANCE = 1e-4  # of all tests together: one recording of white noise in 10,000 is called something else
 
 
@@ -34,7 +35,7 @@ def _of_signal(series: Sequence[np.ndarray], span: int) -> list[float]:
     size = float(np.median(np.abs(joined))) / 0.6745 if len(joined) else 0.0
     if size == 0.0:
         return []
-    rows = [np.clip(np.nan_to_num(r) / size, -FAR, FAR) for r in series]
+    rows = [np.clip(np.nan_to_num(r) / size, -OUTLYING, OUTLYING) for r in series]
     count, longest = len(joined), min(max(span, LAGS), max(map(len, rows)) - 1)
     products = np.sum([_autocovariance(r, longest) for r in rows], axis=0)
     rho = products[1:] / products[0]
@@ -51,3 +52,21 @@ def _autocovariance(r: np.ndarray, longest: int) -> np.ndarray:
     own = np.fft.irfft(power, size)[: min(longest + 1, len(r))]
     result[: len(own)] = own
     return result
+
+
+def correlation_time(residuals: Sequence[np.ndarray]) -> float:
+    """Number of samples over which residuals stay correlated, 1 for white noise: 1 + 2 sum of autocorrelations.
+
+    The sum ends at the first autocorrelation below two standard errors.
+    """
+    rows = [r for r in residuals if len(r) > FEWEST]
+    power = sum(float(r @ r) for r in rows)
+    if not rows or power == 0:
+        return 1.0
+    count, total = sum(len(r) for r in rows), 1.0
+    for lag in range(1, min(len(r) for r in rows) // 4):
+        rho = sum(float(r[lag:] @ r[:-lag]) for r in rows) / power
+        if rho < 2 / np.sqrt(count):
+            break
+        total += 2 * rho
+    return total

@@ -1,8 +1,9 @@
-"""Noisy inputs as smooth paths: B-splines whose coefficients are estimated with the parameters."""
+"""Noisy signals as smooth paths: B-splines linear in their coefficients, with as many knots as the data ask for."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,15 +11,16 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 
-from ..numerics.paths import DEGREE
-from ..numerics.smoothing import difference_sigma
 from .gram import gram
+from .paths import DEGREE
+from .smoothing import Coordinate, Smoothed, SmoothingSpline, difference_sigma
 
 COARSEST, FINEST = 8, 2  # knot intervals of the coarsest spline tried; samples per interval of the finest
 GROWTH = 1.4  # of the number of intervals from one spline tried to the next
 FINER = 1.5  # the criterion's best spline still bends the response by a fraction of its standard error: take a finer
 CLEAN = 0.3  # of the noise that is said to be there: signals with less were simulated without it
 MISFIT = 1.7  # typical residual, over the noise's, of a spline that does not follow the signal at all
+SPACINGS = (3, 6, 12, 24, 48)  # samples per knot tried for the free coordinates, which friction makes jump
 PATIENCE = 3  # finer splines that may fail to lower the criterion before the search ends
 
 
@@ -82,6 +84,25 @@ class PathBasis:
         return coefficients, y - self.design @ coefficients
 
 
+@dataclass(frozen=True)
+class NoisyInput:
+    """A measured input whose path is a spline: columns of u, measured signals, fitted coefficients.
+
+    Attributes:
+        names: its signals.
+        columns: their places in u.
+        basis: the spline's basis.
+        y: measured signals, shape (len(names), n), NaN where missing.
+        coefficients: least-squares fit to them alone, shape (basis.size,).
+    """
+
+    names: tuple[str, ...]
+    columns: tuple[int, ...]
+    basis: PathBasis
+    y: np.ndarray
+    coefficients: np.ndarray
+
+
 def choose_basis(t: np.ndarray, y: np.ndarray, sigmas: np.ndarray, most: int) -> PathBasis | None:
     """Return the basis of least Bayesian information criterion sum_k n_k log(RSS_k / n_k) + p log(sum_k n_k).
 
@@ -117,3 +138,29 @@ def choose_basis(t: np.ndarray, y: np.ndarray, sigmas: np.ndarray, most: int) ->
         return None
     finer = PathBasis.evenly(t, round(FINER * (len(best.breaks) - 1)), len(y))
     return finer if finer.size <= most else best
+
+
+def smooth_together(data: Sequence[Coordinate], sigmas: Sequence[float | None]) -> list[Smoothed]:
+    """One coordinate of every trial through the smoothing spline of least Bayesian information criterion over all.
+
+    Args:
+        data: times, s, position, velocity and acceleration, each of shape (n,) or None where not measured.
+        sigmas: their noise standard deviations, None where unknown.
+    """
+    best: list[Smoothed] = []
+    least = np.inf
+    spacings = [spacing for spacing in SPACINGS if spacing <= min(len(trial[0]) for trial in data) // 3]
+    for spacing in spacings or [2]:
+        smoother = SmoothingSpline(spacing=spacing).fit(data, sigmas)
+        fits = [smoother(*trial) for trial in data]
+        value, samples = 0.0, 0
+        for k in range(3):
+            rows = [(t[k + 1] - fit[k]) ** 2 for t, fit in zip(data, fits, strict=True) if t[k + 1] is not None]
+            if rows:
+                joined = np.concatenate(rows)
+                value += np.sum(~np.isnan(joined)) * np.log(np.nanmean(joined) + 1e-300)
+                samples += len(joined)
+        value += sum(len(trial[0]) // spacing + 5 for trial in data) * np.log(samples)
+        if not best or value < least:
+            best, least = fits, value
+    return best

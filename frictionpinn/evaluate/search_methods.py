@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import optimize
 
-from .assemble import BUDGET
-from .likelihood import failed, finish
-from .problem import Problem
-from .result import STOPPED, Estimate
-from .solve import Solution
+from ..identify.problem import Problem
+from ..identify.result import STOPPED, Estimate, Improvement, Minimum
+from ..identify.solve import BUDGET, State
+from ..identify.uncertainty import failed, finish
 
 NO_MODEL = 1e12  # cost of parameters at which the mechanism cannot be simulated
 
@@ -26,46 +25,46 @@ class OutOfBudget(Exception):
     """No simulation is left. Not a StopIteration: scipy maps over steps, and a map that meets one ends silently."""
 
 
-@dataclass
 class Objective:
-    """Cost of a parameter vector u, counted, with the best so far over time.
+    """Cost of a parameter vector u, counted, with every improvement.
+
+    Args:
+        problem: that is solved.
+        budget: most simulations of the whole recording.
 
     Attributes:
-        trace: one row for each improvement: seconds, simulations of the whole recording, cost.
-        path: the parameters (SI units, in the problem's order) of each row.
+        limits: bounds of u.
+        models, locals: of the trials, and their unknowns: the initial states, held where they start.
+        u: the best so far, shape (n,).
+        path: the best so far over time.
     """
 
-    problem: Problem
-    budget: float = np.inf
-    count: int = 0
-    best: float = np.inf
-    u: np.ndarray | None = None
-    trace: list[tuple[float, int, float]] = field(default_factory=list)
-    path: list[np.ndarray] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.began = time.perf_counter()
-        self.models = self.problem.trials
+    def __init__(self, problem: Problem, budget: float):
+        self.problem, self.budget, self.limits = problem, budget, problem.space.limits
+        self.models = problem.trials
         self.locals = [model.local[: model.size(False)] for model in self.models]
-        self.limits = self.problem.space.limits
+        self.evaluate = problem.evaluator(self.models, joint=False)
+        self.began, self.count = time.perf_counter(), 0
+        self.u = np.zeros(0)
+        self.path: list[Improvement] = []
 
-    def state(self, u: np.ndarray, derivatives: bool = False):
+    def state(self, u: np.ndarray, derivatives: bool = False) -> State | None:
         """The problem's state at u, moved inside the bounds; None where it cannot be simulated."""
         self.count += 1
-        return self.problem.evaluate(self.models, np.clip(u, *self.limits), self.locals, derivatives, joint=False)
+        return self.evaluate(np.clip(u, *self.limits), self.locals, derivatives)
 
     def _note(self, u: np.ndarray, cost: float) -> None:
-        if cost < self.best:
-            self.best, self.u = cost, np.clip(u, *self.limits)
-            self.trace.append((time.perf_counter() - self.began, self.count, cost))
-            self.path.append(self.problem.space.to_values(self.u))
+        if cost < (self.path[-1].cost if self.path else np.inf):
+            self.u = np.clip(u, *self.limits)
+            values = self.problem.space.named(self.u)
+            self.path.append(Improvement(time.perf_counter() - self.began, self.count, cost, values))
+        if self.count >= self.budget:
+            raise OutOfBudget
 
     def __call__(self, u: np.ndarray) -> float:
         state = self.state(u)
         cost = NO_MODEL if state is None else state.cost
         self._note(u, cost)
-        if self.count >= self.budget:
-            raise OutOfBudget
         return cost
 
     def residuals(self, u: np.ndarray) -> np.ndarray:
@@ -74,18 +73,16 @@ class Objective:
         if state is None:
             size = sum(model.y.size for model in self.models)
             return np.full(size, np.sqrt(2 * NO_MODEL / size))
+        self._note(u, state.cost)
         parts = [
             np.nan_to_num(piece.residuals[name] / self.problem.sigmas[name])
             for piece in state.pieces
             for name in self.problem.channels.outputs
         ]
-        self._note(u, state.cost)
-        if self.count >= self.budget:
-            raise OutOfBudget
         return np.concatenate(parts)
 
 
-Method = Callable[[Objective, np.ndarray, int], bool]
+Method = Callable[[Objective, np.ndarray, int], bool]  # objective, start, seed -> whether it ended by itself
 
 
 def _nelder_mead(objective: Objective, start: np.ndarray, seed: int) -> bool:
@@ -124,11 +121,7 @@ def _genetic(objective: Objective, start: np.ndarray, seed: int) -> bool:
     return True
 
 
-METHODS: dict[str, Method] = {
-    "nelder_mead": _nelder_mead,
-    "least_squares": _least_squares,
-    "genetic": _genetic,
-}
+METHODS: dict[str, Method] = {"nelder_mead": _nelder_mead, "least_squares": _least_squares, "genetic": _genetic}
 
 
 def search(
@@ -150,24 +143,24 @@ def search(
         simulations: most simulations of the whole recording.
 
     Returns:
-        The estimate; ``details["trace"]`` holds seconds, simulations and cost of every improvement, and
-        ``details["path"]`` the parameters of each. Its intervals come from the curvature there and take the inputs as
-        known exactly.
+        The estimate, with the ``path`` to it. Its intervals come from the curvature there and take the inputs as known
+        exactly.
+
+    Raises:
+        KeyError: an unknown method.
     """
-    objective = Objective(problem, budget=simulations)
-    before, values = problem.simulations, problem.start | dict(start or {})
-    u = problem.space.to_search(np.array([values[name] for name in problem.names], dtype=float))
+    objective = Objective(problem, simulations)
+    before, u = problem.simulations, problem.space.to_search(problem.start | dict(start or {}))
     try:
         done = METHODS[method](objective, u, seed)
     except OutOfBudget:
         done = False
     seconds = time.perf_counter() - objective.began
-    state = None if objective.u is None else objective.state(objective.u, derivatives=True)
-    if state is None:
-        return replace(failed(problem, objective.began, before), estimator=method)
-    solution = Solution(state, len(objective.trace), objective.count, "converged" if done else BUDGET)
+    state = objective.state(objective.u, derivatives=True) if objective.path else None
     count = problem.simulations - before
-    estimate = finish(problem, objective.models, solution, dict(problem.sigmas), seconds, count, method, profiles=False)
-    details = {**estimate.details, "trace": objective.trace, "path": objective.path}
-    outcome = estimate.outcome if done else STOPPED
-    return replace(estimate, details=details, outcome=outcome)
+    if state is None:
+        return replace(failed(problem, seconds, count), estimator=method)
+    minimum = Minimum(state, objective.models, "converged" if done else BUDGET)
+    found = finish(problem, minimum, dict(problem.sigmas), seconds, count, profiles=False)
+    outcome = found.outcome if done else STOPPED
+    return replace(found, estimator=method, outcome=outcome, minimum=None, path=tuple(objective.path))

@@ -1,0 +1,213 @@
+"""From where a search ended to the estimate: information, covariance, intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..numerics.whiteness import correlation_time
+from .problem import Problem
+from .profile import RISE_95, profiled
+from .result import CORRELATED, FAILED, Estimate, Minimum, verdict
+from .solve import BUDGET, Evaluate, Limits, Solution, State, invert, moved, reduced
+from .space import Space
+
+ESTIMATOR = "maximum_likelihood"
+NORMAL_95 = 1.959964  # standard deviations to either side that hold 95 %
+UNTOLD = 1.0  # standard error of a logarithm: a 95 % interval of a factor 50
+SHARP = 0.25  # standard error over the value (of mu_s: its excess over mu_c), beyond which a likelihood is no parabola
+BESIDE = 4.0  # standard errors to the neighbours, where a rugged likelihood may tell much less
+WIDEST = 4.0  # factor by which a standard error grows at most for what its neighbours tell
+FORGOTTEN, SAME = 6.0, 0.02  # log-likelihood: a minimum farther behind counts no more; in log u: the same minimum
+
+
+def information_of(
+    minima: Sequence[Solution], final: State | None = None, known: np.ndarray | float = 0.0
+) -> np.ndarray:
+    """Information on u, shape (n_g, n_g), of a likelihood with several minima: Laplace's approximation at each.
+
+    The covariance is sum_k w_k (S_k^-1 + d_k d_k') with d_k the distance from the best and w_k in proportion to
+    exp(-cost_k) / sqrt(det S_k); with one minimum it is S^-1.
+
+    Args:
+        minima: best first.
+        final: the best after a last refinement, at other noise levels: its cost does not compare with the others'.
+        known: the prior's information, which is taken off each S_k, shape (n_g, n_g).
+    """
+    best = minima[0].state
+    final = final or best
+    parts: list[tuple[np.ndarray, np.ndarray, float]] = []  # u, information, logarithm of the weight
+    for solution in minima:
+        state, cost = (final, best.cost) if solution is minima[0] else (solution.state, solution.state.cost)
+        if cost > best.cost + FORGOTTEN or any(np.abs(state.u - u).max() < SAME for u, _, _ in parts):
+            continue
+        S = reduced(state)[0]
+        sign, logdet = np.linalg.slogdet(S)
+        if sign > 0 or not parts:
+            parts.append((state.u, S - known, best.cost - cost - 0.5 * logdet))
+    if len(parts) == 1:
+        return parts[0][1]
+    weights = np.exp(np.array([w for _, _, w in parts]) - max(w for _, _, w in parts))
+    covariances = [invert(S) + np.outer(u - final.u, u - final.u) for u, S, _ in parts]
+    return invert(np.tensordot(weights / weights.sum(), covariances, 1))
+
+
+def neighbours(evaluate: Evaluate, state: State, limits: Limits) -> list[State]:
+    """Points on both sides of a minimum along the weakest direction, with derivatives: what the data would tell there.
+
+    One slip more or less in a recording changes what it tells threefold, and the noise decides which side is fitted.
+    """
+    values, vectors = np.linalg.eigh(reduced(state)[0])
+    step = BESIDE * vectors[:, 0] / np.sqrt(max(values[0], 1e-12))
+    found = [evaluate(*moved(state, side * step, limits), True) for side in (-1.0, 1.0)]
+    return [other for other in found if other is not None]
+
+
+def widened(space: Space, u: np.ndarray, covariance: np.ndarray, beside: Sequence[State], factor: float) -> np.ndarray:
+    """Scale the covariance, shape (n, n), so that no relative error is below what the data would tell ``beside``.
+
+    ``factor`` is that on the inverse of the information there.
+    """
+
+    def unit(u: np.ndarray) -> np.ndarray:
+        return np.where(space.scales > 0, 1.0, np.abs(space.to_values(u)))
+
+    own, largest = np.sqrt(covariance.diagonal()) / unit(u), np.ones(len(u))
+    for state in beside:
+        T = space.jacobian(state.u)
+        there = np.sqrt(np.maximum((T @ invert(reduced(state)[0]) @ T.T).diagonal() * factor, 0.0))
+        largest = np.fmax(largest, there / unit(state.u) / own)
+    largest = np.minimum(largest, WIDEST)
+    return covariance * np.outer(largest, largest)
+
+
+def untold(space: Space, u: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Mask of the parameters that do not move the output, or no differently than the others, shape (n,).
+
+    ``information`` is that on the search vector u, shape (n, n).
+    """
+    T = space.jacobian(u)
+    covariance = T @ invert(information) @ T.T
+    value = np.where(space.scales > 0, space.scales, space.to_values(u))
+    error = np.sqrt(np.maximum(covariance.diagonal(), 0.0)) / np.maximum(np.abs(value), 1e-300)
+    alone = np.sqrt(np.maximum(information.diagonal(), 0.0))
+    return ~((error <= UNTOLD) & (alone * UNTOLD > 1.0))
+
+
+def covariance_of(
+    space: Space, u: np.ndarray, information: np.ndarray, hidden: np.ndarray, held: np.ndarray | None = None
+) -> np.ndarray:
+    """Covariance of the parameters in SI units, shape (n, n).
+
+    NaN for those that are ``held`` (at a bound: the others are given them) and those ``hidden`` in the data (unknown:
+    the others' errors include that).
+    """
+    inner = np.arange(len(u)) if held is None else np.flatnonzero(~held)
+    result = np.full((len(u), len(u)), np.nan)
+    T = space.jacobian(u)[np.ix_(inner, inner)]
+    result[np.ix_(inner, inner)] = T @ invert(information[np.ix_(inner, inner)]) @ T.T
+    result[hidden, :] = result[:, hidden] = np.nan
+    return result
+
+
+def interval(value: float, std: float, positive: bool) -> tuple[float, float]:
+    """95 % interval, symmetric in the logarithm of a positive parameter; NaN where there is none."""
+    if not (np.isfinite(value) and np.isfinite(std)):
+        return (np.nan, np.nan)
+    if positive and value > 0:
+        reach = float(np.exp(min(NORMAL_95 * std / value, 700.0)))
+        return (float(value / reach), float(value * reach))
+    return (float(value - NORMAL_95 * std), float(value + NORMAL_95 * std))
+
+
+def one_sided(space: Space, state: State, i: int, rise: float) -> tuple[float, float]:
+    """95 % interval, SI units, of parameter i at its bound: how far inside the cost rises by ``rise``.
+
+    The others move with it: with slope g and curvature S of the profile, g d + S d^2 / 2 = rise at the distance d.
+    """
+    S, gradient, _ = reduced(state)
+    curvature, slope = 1 / max(float(invert(S)[i, i]), 1e-300), abs(float(gradient[i]))
+    d = 2 * rise / (slope + np.sqrt(slope**2 + 2 * curvature * rise))
+    (low, high), inside = space.limits, state.u.copy()
+    upwards = state.u[i] - low[i] < high[i] - state.u[i]
+    inside[i] = np.clip(state.u[i] + (d if upwards else -d), low[i], high[i])
+    least, most = sorted(float(space.to_values(u)[i]) for u in (state.u, inside))
+    return least, most
+
+
+def finish(
+    problem: Problem,
+    minimum: Minimum,
+    sigmas: dict[str, float],
+    seconds: float,
+    simulations: int,
+    *,
+    beside: Sequence[State] = (),
+    profiles: bool = True,
+    white: bool = True,
+) -> Estimate:
+    """The estimate from where the search ended.
+
+    Intervals are those of the data alone, without the prior: from the likelihood's curvature where a parameter is told
+    to ``SHARP`` of itself, else from its profile, to one side or to both. They are widened for other minima, for
+    points ``beside`` where the data may tell less, and for residuals that stay correlated.
+
+    Args:
+        problem, minimum: what was solved, and where the search ended.
+        sigmas: noise levels there, SI units.
+        seconds, simulations: that it took.
+        beside: see :func:`neighbours`.
+        profiles: whether profiles may be asked for.
+        white: whether the residuals are noise.
+    """
+    state, space = minimum.state, problem.space
+    names, p, positive = space.names, space.to_values(state.u), space.scales == 0
+    low, high = space.limits
+    width = np.where(np.isfinite(high - low), np.maximum(high - low, 1e-12), 1.0)
+    at = (state.u - low < 1e-4 * width) | (high - state.u < 1e-4 * width)
+    value, ends = space.named(state.u), [names[i] for i in np.flatnonzero(at)]
+    table = {par.name: par for par in problem.mechanism.parameters}
+    at_limit = [n for n in ends if table[n].neutral is not None and value[n] in (table[n].low, table[n].high)]
+    at_bound = [name for name in ends if name in problem.bounded and name not in at_limit]
+
+    outputs = problem.channels.outputs
+    rows = {name: [np.nan_to_num(piece.residuals[name] / sigmas[name]) for piece in state.pieces] for name in outputs}
+    memory = max(correlation_time(own) for own in rows.values())
+    factor = memory if memory > CORRELATED else 1.0
+    factor *= problem.loss.inflation(np.concatenate([r for own in rows.values() for r in own]))
+    found = minimum.minima or (Solution(state, minimum.reason),)
+    information = information_of(found, state, problem.prior.information)
+    mask = untold(space, state.u, information / factor) & ~at & (minimum.reason != BUDGET)  # there: where it got
+    covariance = widened(space, state.u, covariance_of(space, state.u, information, mask, at) * factor, beside, factor)
+
+    slides = any(motion.fast.any() for motion in problem.motions)
+    evaluate = problem.evaluator(minimum.models, sigmas, prior=False)
+    ci95, errors = {}, np.sqrt(np.diag(covariance))
+    for i, name in enumerate(names):
+        ci95[name] = interval(p[i], errors[i], bool(positive[i]))
+        blunt = positive[i] and not errors[i] < SHARP * space.own(state.u)[i]
+        if name in at_limit:
+            ci95[name] = one_sided(space, state, i, RISE_95 * factor)
+        elif profiles and blunt and (slides or not at[i]):
+            ci95[name] = profiled(problem, evaluate, state, name, RISE_95 * factor, iterations=6).ci95
+
+    hidden = [names[i] for i in np.flatnonzero(mask)]
+    outcome, advice = verdict(problem, minimum.reason, p, covariance, ci95, hidden, at_limit, at_bound, memory, white)
+    return Estimate(
+        ESTIMATOR, names, value, {name: problem.mechanism.units[name] for name in names}, covariance, ci95, outcome,
+        advice, state.cost, simulations, seconds, sigmas,
+        {model.trial: piece.residuals for model, piece in zip(minimum.models, state.pieces, strict=True)},
+        problem.prior.about, minimum,
+    )  # fmt: skip
+
+
+def failed(problem: Problem, seconds: float, simulations: int) -> Estimate:
+    """The estimate of a problem that could not be simulated at any start."""
+    names, nan = problem.names, float("nan")
+    advice = "no start within the bounds could be simulated: check bounds, units and the mechanism's parameters"
+    return Estimate(
+        ESTIMATOR, names, dict.fromkeys(names, nan), {name: problem.mechanism.units[name] for name in names},
+        np.full((len(names), len(names)), nan), dict.fromkeys(names, (nan, nan)), FAILED, (advice,), nan, simulations,
+        seconds, dict(problem.sigmas),
+    )  # fmt: skip

@@ -1,0 +1,90 @@
+"""A problem varied over the same recording, and a budget of steps that belongs to one search."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cases import case
+
+from frictionpinn.identify import Problem, maximum_likelihood
+from frictionpinn.numerics.simulate import Simulator
+from frictionpinn.physics.mechanism import Mechanism
+
+
+@pytest.fixture(scope="module")
+def problem():
+    mechanism, _, _, noisy, _ = case("drive", "lugre", (0, 1))
+    return Problem(mechanism, noisy)
+
+
+def began(problem: Problem):
+    """Search vector and unknowns of the trials at the start."""
+    u = problem.space.to_search(problem.start)
+    return u, [model.local[: model.size(problem.joint)] for model in problem.trials]
+
+
+def test_a_varied_problem_leaves_the_one_that_it_comes_from(problem):
+    before = {name: value for name, value in vars(problem).items() if name != "_calls"}
+    made = problem.varied(
+        names=["mu_c"], values={"mu_c": 2.0, "v_s": 5e-3}, sigmas={"v": 0.1}, joint=False, prior=False
+    )
+    assert made.names == ("mu_c",) and made.start == {"mu_c": 2.0} and made.fixed["v_s"] == 5e-3
+    assert made.fixed["sigma_0"] == problem.start["sigma_0"]
+    assert made.given == {"v": 0.1} and made.sigmas == problem.sigmas | {"v": 0.1} and not made.joint
+    assert made.simulations == 0 and not len(made.prior.target)
+    assert all(vars(problem)[name] is value for name, value in before.items())
+
+
+def test_what_is_not_given_stays(problem):
+    made, (u, locals_) = problem.varied(), began(problem)
+    assert made.space.bounds == problem.space.bounds and made.start == problem.start
+    cost = problem.evaluator(problem.trials)(u, locals_, False).cost
+    assert made.evaluator(made.trials)(u, locals_, False).cost == cost
+    bare = problem.varied(prior=False)
+    r = problem.prior.distance(u)
+    assert cost - bare.evaluator(bare.trials)(u, locals_, False).cost == pytest.approx(0.5 * float(r @ r))
+
+
+def test_bounds_are_kept_or_given_and_follow_the_values_of_new_parameters(problem):
+    wider = Mechanism(problem.mechanism.system, problem.mechanism.law, ("drag",))
+    values = problem.start | {"drag": 0.0}
+    made = problem.varied(
+        names=["mu_c", "drag"], values=values, simulator=Simulator(wider), limits={"mu_c": (0.1, 2.0)}
+    )
+    assert made.space.bounds["mu_c"] == (0.1, 2.0) and made.mechanism is wider
+    assert made.space.bounds["drag"][0] <= 0.0 and all(model.simulator.mechanism is wider for model in made.trials)
+    assert problem.varied(names=["v_s"]).space.bounds["v_s"] == problem.space.bounds["v_s"]
+    reached = problem.space.reaching(problem.start | {"sigma_2": 1e6})
+    assert problem.varied(limits=reached).space.bounds["sigma_2"] == (problem.space.bounds["sigma_2"][0], 1e6)
+
+
+def test_a_budget_counts_the_steps_of_its_own_search_alone(problem):
+    u, locals_ = began(problem)
+    pieces = problem.evaluator(problem.trials)(u, locals_, False).pieces
+    once = sum(piece.steps for piece in pieces)
+    assert once > sum(len(model.t) for model in problem.trials) / 2
+    mine, other = (problem.evaluator(problem.trials, steps=1.5 * once) for _ in range(2))
+    for _ in range(5):
+        other(u, locals_, False)
+    assert mine(u, locals_, False) is not None and mine(u, locals_, False) is not None
+    assert mine(u, locals_, False) is None and other(u, locals_, False) is None
+
+
+def test_derivatives_added_to_a_simulation_cost_no_steps(problem):
+    u, locals_ = began(problem)
+    evaluate = problem.evaluator(problem.trials)
+    ran = evaluate(u, locals_, False, strict=True)
+    added = evaluate(u, locals_, True, ran=ran)
+    assert sum(piece.steps for piece in added.pieces) == 0
+    np.testing.assert_allclose(added.cost, ran.cost)
+
+
+def test_a_law_without_a_prior_is_fitted_with_an_effect_beside_it():
+    mechanism, _, _, noisy, _ = case("drive", "coulomb_viscous", (0, 3))
+    problem = Problem(mechanism, noisy)
+    wider = Simulator(Mechanism(mechanism.system, mechanism.law, ("drag",)))
+    made = problem.varied(names=[*problem.names, "drag"], values=problem.start | {"drag": 0.0}, simulator=wider)
+    found = maximum_likelihood(made, thorough=False)
+    assert found.minimum is not None and found.prior == {}
+    low, high = found.ci95["drag"]
+    assert low <= found.values["drag"] <= high < 1.0
