@@ -230,7 +230,7 @@ class Bench:
     def settle(self, fit: Fit) -> Fit:
         """The fit at the noise levels that its residuals show, and the lowest of the minima around it."""
         sigmas = fit.levels(self.problem.loss)
-        found = self.refit(fit, fit.names, fit.values, sigmas=sigmas, around=not fit.white)
+        found = self.refit(fit, fit.names, fit.values, sigmas=sigmas, around=True)
         return found or fit
 
     def without(self, fit: Fit, gone: Sequence[str], held: Sequence[str] = ()) -> dict[str, float]:

@@ -165,8 +165,9 @@ def select(
         if (asked or not before.white) and (width := _coarse(bench)):
             coarse = bench.refit(before, before.names, before.values, widths=[width])
             if coarse is not None:
-                seen = tested(coarse, selection.accepted).tested
-                asked += [(t, width, group) for t, group in _heads(seen, banned, chance, settings)]
+                seen, known = tested(coarse, selection.accepted).tested, {t.candidate.name for t, _, _ in asked}
+                heads = _heads(seen, banned, chance, settings)
+                asked += [(t, width, group) for t, group in heads if t.candidate.name not in known]
         if not asked:
             break
         found = _refitted(bench, before, asked, settings)
@@ -218,30 +219,42 @@ def cosine(one: Tested, other: Tested) -> float:
 def _refitted(
     bench: Bench, before: Fit, asked: Sequence[tuple[Tested, float, list[Tested]]], settings: Settings
 ) -> list[Contender]:
-    """The candidates' fits, the best first: each from the resolution at which it was tested down to the sample, the
-    best of them searched for other minima."""
+    """The candidates' fits, the best first.
+
+    Each goes from the resolution at which it was tested down to the sample. Where that leaves more than noise, the best
+    are begun anew over short windows; and the others from where the best of these ended.
+    """
 
     def refit(k: int) -> Fit | None:
         tested, width, _ = asked[k]
         return add(bench, before, tested, [w for w in bench.widths if w <= width])
 
     made = in_parallel(refit, [1.0] * len(asked))
-    best: dict[str, Contender] = {}
-    for (tested, _, _), fit in zip(asked, made, strict=True):
-        name = tested.candidate.name
-        if fit is not None and (name not in best or fit.state.cost < best[name].fit.state.cost):
-            best[name] = Contender(tested, fit)
-    found = sorted(best.values(), key=lambda c: c.fit.cost)
-    rugged = [k for k, c in enumerate(found[: settings.followed]) if not c.fit.white and c.fit.cost < before.cost]
+    found = sorted(
+        (Contender(tested, fit) for (tested, _, _), fit in zip(asked, made, strict=True) if fit is not None),
+        key=lambda c: c.fit.cost,
+    )
+    rugged = [c for c in found[: settings.followed] if not c.fit.white and c.fit.cost < before.cost]
+    anew = in_parallel(lambda k: bench.anew(rugged[k].fit, reach(rugged[k].tested)), [1.0] * len(rugged))
+    lower = [Contender(c.tested, f) for c, f in zip(rugged, anew, strict=True) if f and f.state.cost < c.fit.state.cost]
+    if not lower:
+        return found
+    best = min(lower, key=lambda c: c.fit.cost)
+    others = [c for c in found if c.tested is not best.tested]
+    moved = in_parallel(lambda k: _moved(bench, others[k], best), [1.0] * len(others))
+    every: dict[str, Contender] = {}
+    for c in [*found, *lower, *(replace(c, fit=f) for c, f in zip(others, moved, strict=True) if f)]:
+        known = every.get(c.tested.candidate.name)
+        every[c.tested.candidate.name] = c if known is None or c.fit.cost < known.fit.cost else known
+    return sorted(every.values(), key=lambda c: c.fit.cost)
 
-    def anew(i: int) -> Fit | None:
-        c = found[rugged[i]]
-        return bench.anew(c.fit, reach(c.tested))
 
-    for k, fit in zip(rugged, in_parallel(anew, [1.0] * len(rugged)), strict=True):
-        if fit is not None and fit.state.cost < found[k].fit.state.cost:
-            found[k] = replace(found[k], fit=fit)
-    return sorted(found, key=lambda c: c.fit.cost)
+def _moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:
+    """A contender refitted from the best's place, with its own strengths for the best's."""
+    mine = {name: own.fit.values[name] for name in own.fit.names if name not in best.fit.names}
+    neutral = dict.fromkeys(best.tested.candidate.strengths, 0.0)
+    values = best.fit.values | neutral | mine
+    return bench.refit(best.fit, own.fit.names, values, limits=reach(own.tested))
 
 
 def add(bench: Bench, fit: Fit, tested: Tested, widths: Sequence[float]) -> Fit | None:
