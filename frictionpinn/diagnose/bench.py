@@ -21,8 +21,7 @@ from ..numerics.simulate import ContactLost, Simulation, SimulationFailed, Simul
 from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
 from ..physics.sizes import Sizes
-from .declared import fit_declared
-from .fit import Fit
+from .fit import Fit, fit_declared
 
 LONGEST = 500.0  # times the steps that simulate all trials once: a budget, beyond which a refit is given up
 RELAXED = 1e3  # factor by which viscous friction may fall below the bounds of the declared model

@@ -16,11 +16,10 @@ from ..identify.result import Estimate
 from ..physics.mechanism import Mechanism
 from .bench import Bench
 from .candidates import Candidate, Remainder, candidates, effects_for, places, ranges, remainders, scales, simulations
+from .contenders import surprise
 from .errors import main_signal
-from .evidence import surprise
 from .fit import Fit
-from .intervals import intervals
-from .select import Accepted, Refused, Selection, Settings, select
+from .select import Accepted, Refused, Selection, Settings, intervals, select
 from .verdict import Network, Unexplained, judge, train_network
 
 log = logging.getLogger(__name__)
@@ -171,7 +170,7 @@ def _reasons(
 ) -> tuple[Refused, ...]:
     """Every candidate that was not added, with why."""
     taken = {a.candidate.name for a in accepted}
-    result = {r.candidate.name: r for r in selection.refused}
+    result = {name: r for name, r in selection.refused.items() if name not in taken}
     for a in selection.accepted:
         if a.candidate.name not in taken:
             why = "takes off less than a fifth of the squared error beyond the noise"

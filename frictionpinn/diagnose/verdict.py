@@ -11,8 +11,8 @@ from sklearn.linear_model import OrthogonalMatchingPursuit
 
 from .bench import Bench
 from .candidates import Remainder
+from .contenders import check
 from .errors import compare, main_signal
-from .evidence import check
 from .fit import Fit
 from .rows import linearise, on_probe
 from .scan import Remaining, Scanned

@@ -1,0 +1,281 @@
+"""Candidates refitted with all parameters, and judged by what fitted and held-out trials say of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from ..identify.problem import Problem
+from ..identify.solve import FAINT, Evaluate, State, coarse_to_fine, reduced
+from ..identify.trial import Piece, TrialModel
+from ..numerics.parallel import in_parallel
+from ..numerics.simulate import ContactLost, SimulationFailed
+from .bench import Bench
+from .candidates import Candidate, impossible
+from .fit import Fit
+from .scan import Tested
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a diagnosis may be told.
+
+    Attributes:
+        log_p: decimal logarithm of the chance, over all candidates, below which one counts as significant: one
+            recording in 10,000 that lacks nothing is said to.
+        most: effects that are added at most, a budget.
+        refits: candidates that are refitted after each kind of score test, a budget.
+        followed: the best of these that are searched for other minima, a budget.
+        told_apart: evidence, in log-likelihood, from which one model is better than another for certain: 400 to 1.
+        tied: evidence below which the more usual effect stands first: less than 3 to 1.
+        same: cosine of what two candidates explain, from which they act the same way.
+        gain: log-likelihood that the held-out trials must gain: a model that is no better there gains nothing.
+        worth: root mean square of what is left over that of the friction force, from which it matters: friction itself
+            repeats to a few per cent from day to day, and a long recording makes far less significant.
+    """
+
+    log_p: float = -4.0
+    most: int = 4
+    refits: int = 5
+    followed: int = 2
+    told_apart: float = 6.0
+    tied: float = 1.0
+    same: float = 0.9
+    gain: float = 1.0
+    worth: float = 0.01
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A candidate that was not added, and why."""
+
+    candidate: Candidate
+    why: str
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A candidate with its refit, and what trials that no fit saw say of that (negative log-likelihood)."""
+
+    tested: Tested
+    fit: Fit
+    surprise: float | None = None
+
+    @property
+    def cost(self) -> float:
+        """Negative evidence of all trials."""
+        return self.fit.cost + (self.surprise or 0.0)
+
+
+def refitted(
+    bench: Bench, before: Fit, asked: Sequence[tuple[Tested, float, list[Tested]]], settings: Settings
+) -> list[Contender]:
+    """The candidates' fits, the best first.
+
+    Each goes from the resolution at which it was tested down to the sample. Where that leaves more than noise, the best
+    are begun anew over short windows; and the others from where the best of these ended.
+    """
+
+    def refit(k: int) -> Fit | None:
+        tested, width, _ = asked[k]
+        return add(bench, before, tested, [w for w in bench.widths if w <= width])
+
+    made = in_parallel(refit, [1.0] * len(asked))
+    found = sorted(
+        (Contender(tested, fit) for (tested, _, _), fit in zip(asked, made, strict=True) if fit is not None),
+        key=lambda c: c.fit.cost,
+    )
+    rugged = [c for c in found[: settings.followed] if not c.fit.white and c.fit.cost < before.cost]
+    anew = in_parallel(lambda k: bench.anew(rugged[k].fit, reach(rugged[k].tested)), [1.0] * len(rugged))
+    lower = [Contender(c.tested, f) for c, f in zip(rugged, anew, strict=True) if f and f.state.cost < c.fit.state.cost]
+    if not lower:
+        return found
+    best = min(lower, key=lambda c: c.fit.cost)
+    others = [c for c in found if c.tested is not best.tested]
+    moved = in_parallel(lambda k: _moved(bench, others[k], best), [1.0] * len(others))
+    every: dict[str, Contender] = {}
+    for c in [*found, *lower, *(replace(c, fit=f) for c, f in zip(others, moved, strict=True) if f)]:
+        known = every.get(c.tested.candidate.name)
+        every[c.tested.candidate.name] = c if known is None or c.fit.cost < known.fit.cost else known
+    return sorted(every.values(), key=lambda c: c.fit.cost)
+
+
+def _moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:
+    """A contender refitted from the best's place, with its own strengths for the best's."""
+    mine = {name: own.fit.values[name] for name in own.fit.names if name not in best.fit.names}
+    neutral = dict.fromkeys(best.tested.candidate.strengths, 0.0)
+    values = best.fit.values | neutral | mine
+    return bench.refit(best.fit, own.fit.names, values, limits=reach(own.tested))
+
+
+def add(bench: Bench, fit: Fit, tested: Tested, widths: Sequence[float]) -> Fit | None:
+    """Refit with a candidate's strengths and hidden parameters, from neutral: Gauss-Newton moves all parameters
+    together; where no derivative holds, from a guess as well."""
+    names = (*fit.names, *tested.candidate.strengths, *tested.candidate.hidden)
+    made = []
+    for share in (0.0, 1.0) if tested.untested else (0.0,):
+        values = {**fit.values, **tested.shape} | {name: share * value for name, value in tested.step.items()}
+        made.append(bench.refit(fit, names, bench.clip(values), limits=reach(tested), widths=widths))
+    return min((f for f in made if f is not None), key=lambda f: f.state.cost, default=None)
+
+
+def reach(tested: Tested) -> dict[str, tuple[float, float]]:
+    """Values that hidden parameters may take: those tried, and somewhat beyond."""
+    result = {}
+    for name in tested.candidate.hidden:
+        values = [point[name] for point in tested.candidate.grid]
+        low, high = min(values), max(values)
+        wide = 0.1 * (high - low)
+        result[name] = (low / 1.5, high * 1.5) if low > 0 else (low - wide, high + wide)
+    return result
+
+
+def judged(
+    bench: Bench,
+    before: Fit,
+    found: Sequence[Contender],
+    asked: Sequence[tuple[Tested, float, list[Tested]]],
+    settings: Settings,
+) -> tuple[Contender | None, list[Contender], list[Refused]]:
+    """The contender that is kept, those that are alike, and those that are refused."""
+    refused: list[Refused] = []
+    reference = surprise(bench, before)
+    left = []
+    for c in found:
+        gain, need = before.state.cost - c.fit.state.cost, needed(c.tested, settings)
+        if gain < need:
+            why = f"refitted, it gains {gain:.1f} in log-likelihood; {need:.1f} are needed"
+            refused.append(Refused(c.tested.candidate, why))
+        elif why := impossible(bench, c.tested.candidate, c.fit.values):
+            refused.append(Refused(c.tested.candidate, why))
+        else:
+            left.append(c)
+    while left:
+        near = [c for c in left if c.fit.cost < left[0].fit.cost + settings.told_apart]
+        name, names = near[0].tested.candidate.name, {c.tested.candidate.name for c in near}
+        twins = [t for head, _, group in asked if head.candidate.name == name for t in group]
+        near += _twins(bench, before, near[0], [t for t in twins if t.candidate.name not in names], settings)
+        told = _surprises(bench, [c.fit for c in near])
+        worst = np.inf if reference is not None else None
+        near = [replace(c, surprise=s if s is not None else worst) for c, s in zip(near, told, strict=True)]
+        best = min(near, key=lambda c: c.cost)
+        level = [c for c in near if c.cost < best.cost + settings.tied]
+        winner = min(level, key=lambda c: (c.tested.candidate.usual, min(c.fit.values[n] for n in c.tested.step) < 0))
+        alike = [
+            c for c in near
+            if c is not winner and c.cost < best.cost + settings.told_apart
+            and cosine(c.tested, winner.tested) > settings.same
+        ]  # fmt: skip
+        gain = np.inf if reference is None or winner.surprise is None else reference - winner.surprise
+        if gain >= settings.gain:
+            names = {c.tested.candidate.name for c in (winner, *alike)}
+            refused += [
+                Refused(c.tested.candidate, f"explains less than {winner.tested.candidate.name}")
+                for c in near if c.tested.candidate.name not in names
+            ]  # fmt: skip
+            return replace(winner, surprise=gain), alike, refused
+        refused += [
+            Refused(c.tested.candidate, f"held-out trials do not improve ({gain:+.1f} in log-likelihood)")
+            for c in (winner, *alike)
+        ]  # fmt: skip
+        gone = {c.tested.candidate.name for c in (winner, *alike)}
+        left = [c for c in left if c.tested.candidate.name not in gone]
+    return None, [], refused
+
+
+def _surprises(bench: Bench, fits: Sequence[Fit]) -> list[float | None]:
+    return in_parallel(lambda k: surprise(bench, fits[k]), [1.0] * len(fits))
+
+
+def _twins(bench: Bench, before: Fit, head: Contender, twins: Sequence[Tested], settings: Settings) -> list[Contender]:
+    """Those that the score tests did not tell from a contender, refitted from its fit, as far as they come near."""
+
+    def refit(k: int) -> Fit | None:
+        own = twins[k]
+        names = (*before.names, *own.candidate.strengths, *own.candidate.hidden)
+        values = head.fit.values | dict.fromkeys(head.tested.candidate.strengths, 0.0) | own.shape | own.step
+        if len(own.step) == len(head.tested.step) == 1:
+            ((name, step),), ((other, unit),) = own.step.items(), head.tested.step.items()
+            values[name] = head.fit.values[other] * step / unit if unit else step
+        return bench.refit(head.fit, names, bench.clip(values), limits=reach(own))
+
+    made = in_parallel(refit, [1.0] * len(twins))
+    return [
+        Contender(t, fit) for t, fit in zip(twins, made, strict=True)
+        if fit is not None and fit.cost < head.fit.cost + settings.told_apart
+        and not impossible(bench, t.candidate, fit.values)
+    ]  # fmt: skip
+
+
+def cosine(one: Tested, other: Tested) -> float:
+    """Of what two candidates explain: 1 where the score tests cannot tell them apart, 0 if tested elsewhere."""
+    return abs(float(one.trace @ other.trace)) if len(one.trace) == len(other.trace) else 0.0
+
+
+def needed(tested: Tested, settings: Settings) -> float:
+    """Log-likelihood that a candidate must gain, refitted."""
+    freedom = max(tested.freedom, 1)
+    return float(chi2.isf(10.0**settings.log_p / 50, freedom)) / 2
+
+
+def check(bench: Bench, fit: Fit) -> Fit | None:
+    """The held-out trials with the fit's parameters: only their own unknowns are estimated.
+
+    None without such trials, or where they cannot be simulated.
+    """
+    found = _held_out(bench, fit)
+    if found is None:
+        return None
+    problem, models, first, evaluate = found
+    solution = coarse_to_fine(evaluate, first, (first.u, first.u), problem.resolutions)
+    return None if solution is None else replace(fit, models=models, state=solution.state, minima=())
+
+
+def surprise(bench: Bench, fit: Fit) -> float | None:
+    """Negative log-likelihood of the held-out trials given the fitted ones, the parameters integrated out.
+
+    With S the information of the fit on u, and C(u) the held-out trials' cost at their own best unknowns, Laplace's
+    approximation is min_u C(u) + (u - u_fit)' S (u - u_fit) / 2, plus half of log det (C'' + S) / det S: what fitted
+    trials leave open (a static friction above all that they hardly show) may be told by the held-out ones. None without
+    such trials, or where they cannot be simulated.
+    """
+    found = _held_out(bench, fit) if fit.state.curved else None
+    if found is None:
+        return None
+    problem, _, first, plain = found
+    at, S = first.u, reduced(fit.state)[0] + FAINT * np.eye(len(first.u))
+
+    def known(state: State) -> State:
+        """The state with what the fit knows as one more piece, without unknowns of its own."""
+        d = state.u - at
+        piece = Piece(0.5 * float(d @ S @ d), {}, gg=S, gl=np.zeros((len(d), 0)), grad_g=S @ d)
+        return State(state.u, (*state.locals, np.zeros(0)), (*state.pieces, piece))
+
+    def evaluate(u, locals_, derivatives, ran: State | None = None, **options):
+        inner = None if ran is None else replace(ran, pieces=ran.pieces[:-1])
+        state = plain(u, locals_[:-1], derivatives, ran=inner, **options)
+        return None if state is None else known(state)
+
+    solution = coarse_to_fine(evaluate, known(first), problem.space.limits, problem.resolutions)
+    if solution is None or not solution.state.curved:
+        return None
+    change = np.linalg.slogdet(reduced(solution.state)[0])[1] - np.linalg.slogdet(S)[1]
+    return solution.state.cost + 0.5 * float(change)
+
+
+def _held_out(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], State, Evaluate] | None:
+    """The held-out trials at the fit's parameters: their problem, models, first state, and how it is evaluated."""
+    if bench.checked is None:
+        return None
+    problem = bench.problem_of(bench.checked, fit.names, fit.values, fit.models[0].simulator)
+    problem = problem.varied(prior=False)  # counted once, with the fitted trials
+    u, models = problem.space.to_search(fit.values), problem.trials
+    with suppress(ContactLost, SimulationFailed):
+        models = problem.models_at(u)
+    evaluate = problem.evaluator(models, fit.sigmas)
+    first = evaluate(u, tuple(model.local[: model.size(problem.joint)] for model in models), True)
+    return None if first is None else (problem, models, first, evaluate)
