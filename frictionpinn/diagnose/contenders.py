@@ -76,13 +76,13 @@ def refitted(
 ) -> list[Contender]:
     """The candidates' fits, the best first.
 
-    Each goes from the resolution at which it was tested down to the sample. Where that leaves more than noise, the best
+    Each goes from the resolution at which it was tested to the sample. Where that leaves more than noise, the best
     are begun anew over short windows; and the others from where the best of these ended.
     """
 
     def refit(k: int) -> Fit | None:
         tested, width, _ = asked[k]
-        return add(bench, before, tested, [w for w in bench.widths if w <= width])
+        return add(bench, before, tested, [width, 0.0] if width else [0.0])
 
     made = in_parallel(refit, [1.0] * len(asked))
     found = sorted(
@@ -260,7 +260,11 @@ def surprise(bench: Bench, fit: Fit) -> float | None:
         state = plain(u, locals_[:-1], derivatives, ran=inner, **options)
         return None if state is None else known(state)
 
-    solution = coarse_to_fine(evaluate, known(first), problem.space.limits, problem.resolutions)
+    limits, widths = problem.space.limits, problem.resolutions
+    held = coarse_to_fine(plain, first, (at, at), widths)  # a slip a little early or late makes minima
+    starts = [(first, widths)] + ([(held.state, widths[-1:])] if held is not None else [])
+    made = [coarse_to_fine(evaluate, known(state), limits, own) for state, own in starts]
+    solution = min((s for s in made if s is not None), key=lambda s: s.state.cost, default=None)
     if solution is None or not solution.state.curved:
         return None
     change = np.linalg.slogdet(reduced(solution.state)[0])[1] - np.linalg.slogdet(S)[1]
