@@ -59,16 +59,17 @@ class Refused:
 
 @dataclass(frozen=True)
 class Contender:
-    """A candidate with its refit, and what trials that no fit saw say of that (negative log-likelihood)."""
+    """A candidate with its refit, and what trials that no fit saw say of that."""
 
     tested: Tested
     fit: Fit
-    surprise: float | None = None
+    surprise: Surprise | None = None
+    gain: float | None = None  # log-likelihood that the held-out trials gain
 
     @property
     def cost(self) -> float:
         """Negative evidence of all trials."""
-        return self.fit.cost + (self.surprise or 0.0)
+        return self.fit.cost + (self.surprise.moved if self.surprise else 0.0)
 
 
 def refitted(
@@ -160,8 +161,11 @@ def judged(
         twins = [t for head, _, group in asked if head.candidate.name == name for t in group]
         near += _twins(bench, before, near[0], [t for t in twins if t.candidate.name not in names], settings)
         told = _surprises(bench, [c.fit for c in near])
-        worst = np.inf if reference is not None else None
-        near = [replace(c, surprise=s if s is not None else worst) for c, s in zip(near, told, strict=True)]
+        near = [replace(c, surprise=s) for c, s in zip(near, told, strict=True)]
+        if reference is not None and (failed := [c for c in near if c.surprise is None]):
+            refused += [Refused(c.tested.candidate, "held-out trials cannot be simulated with it") for c in failed]
+            left = [c for c in left if all(c.tested is not f.tested for f in failed)]
+            continue
         best = min(near, key=lambda c: c.cost)
         level = [c for c in near if c.cost < best.cost + settings.tied]
         winner = min(level, key=lambda c: (c.tested.candidate.usual, min(c.fit.values[n] for n in c.tested.step) < 0))
@@ -170,14 +174,17 @@ def judged(
             if c is not winner and c.cost < best.cost + settings.told_apart
             and cosine(c.tested, winner.tested) > settings.same
         ]  # fmt: skip
-        gain = np.inf if reference is None or winner.surprise is None else reference - winner.surprise
-        if gain >= settings.gain:
+        gain: float | None = None
+        if reference is not None and (own := winner.surprise) is not None:
+            # Either will do: a law with memory may be bent to the fitted trials, and what vanished is open to anything.
+            gain = max(reference.as_fitted - own.as_fitted, reference.moved - own.moved)
+        if gain is None or gain >= settings.gain:
             names = {c.tested.candidate.name for c in (winner, *alike)}
             refused += [
                 Refused(c.tested.candidate, f"explains less than {winner.tested.candidate.name}")
                 for c in near if c.tested.candidate.name not in names
             ]  # fmt: skip
-            return replace(winner, surprise=gain), alike, refused
+            return replace(winner, gain=gain), alike, refused
         refused += [
             Refused(c.tested.candidate, f"held-out trials do not improve ({gain:+.1f} in log-likelihood)")
             for c in (winner, *alike)
@@ -187,7 +194,7 @@ def judged(
     return None, [], refused
 
 
-def _surprises(bench: Bench, fits: Sequence[Fit]) -> list[float | None]:
+def _surprises(bench: Bench, fits: Sequence[Fit]) -> list[Surprise | None]:
     return in_parallel(lambda k: surprise(bench, fits[k]), [1.0] * len(fits))
 
 
@@ -235,19 +242,33 @@ def check(bench: Bench, fit: Fit) -> Fit | None:
     return None if solution is None else replace(fit, models=models, state=solution.state, minima=())
 
 
-def surprise(bench: Bench, fit: Fit) -> float | None:
-    """Negative log-likelihood of the held-out trials given the fitted ones, the parameters integrated out.
+@dataclass(frozen=True)
+class Surprise:
+    """Negative log-likelihood of the held-out trials, their own unknowns at their best.
 
-    With S the information of the fit on u, and C(u) the held-out trials' cost at their own best unknowns, Laplace's
-    approximation is min_u C(u) + (u - u_fit)' S (u - u_fit) / 2, plus half of log det (C'' + S) / det S: what fitted
-    trials leave open (a static friction above all that they hardly show) may be told by the held-out ones. None without
-    such trials, or where they cannot be simulated.
+    Attributes:
+        as_fitted: with the parameters as they were fitted.
+        moved: with these integrated out: what the fitted trials leave open (a static friction above all that they
+            hardly show) the held-out ones may tell. With S the information of the fit on u and C(u) their cost,
+            Laplace's approximation is min_u C(u) + (u - u_fit)' S (u - u_fit) / 2 + log(det(C'' + S) / det S) / 2.
+            The same as ``as_fitted`` for laws without memory, which leave nothing so open.
     """
-    found = _held_out(bench, fit) if fit.state.curved else None
+
+    as_fitted: float
+    moved: float
+
+
+def surprise(bench: Bench, fit: Fit) -> Surprise | None:
+    """What trials that no fit saw say of a fit; None without such trials, or where they cannot be simulated."""
+    found = _held_out(bench, fit)
     if found is None:
         return None
     problem, _, first, plain = found
-    at, S = first.u, reduced(fit.state)[0] + FAINT * np.eye(len(first.u))
+    at, limits, widths = first.u, problem.space.limits, problem.resolutions
+    held = coarse_to_fine(plain, first, (at, at), widths)
+    if held is None or not bench.mechanism.memory or not fit.state.curved:
+        return None if held is None else Surprise(held.state.cost, held.state.cost)
+    S = reduced(fit.state)[0] + FAINT * np.eye(len(at))
 
     def known(state: State) -> State:
         """The state with what the fit knows as one more piece, without unknowns of its own."""
@@ -260,15 +281,15 @@ def surprise(bench: Bench, fit: Fit) -> float | None:
         state = plain(u, locals_[:-1], derivatives, ran=inner, **options)
         return None if state is None else known(state)
 
-    limits, widths = problem.space.limits, problem.resolutions
-    held = coarse_to_fine(plain, first, (at, at), widths)  # a slip a little early or late makes minima
-    starts = [(first, widths)] + ([(held.state, widths[-1:])] if held is not None else [])
+    # A slip a little early or late makes minima: from where the parameters as fitted lead, too.
+    starts = ((first, widths), (held.state, widths[-1:]))
     made = [coarse_to_fine(evaluate, known(state), limits, own) for state, own in starts]
-    solution = min((s for s in made if s is not None), key=lambda s: s.state.cost, default=None)
-    if solution is None or not solution.state.curved:
-        return None
-    change = np.linalg.slogdet(reduced(solution.state)[0])[1] - np.linalg.slogdet(S)[1]
-    return solution.state.cost + 0.5 * float(change)
+    states = [s.state for s in made if s is not None and s.state.curved]
+    if not states:
+        return Surprise(held.state.cost, held.state.cost)
+    best = min(states, key=lambda state: state.cost)
+    change = np.linalg.slogdet(reduced(best)[0])[1] - np.linalg.slogdet(S)[1]
+    return Surprise(held.state.cost, best.cost + 0.5 * float(change))
 
 
 def _held_out(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], State, Evaluate] | None:

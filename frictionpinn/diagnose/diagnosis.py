@@ -84,7 +84,7 @@ class Diagnosis:
         """Log-likelihood that the held-out trials gain where the parameters may move within their errors."""
         after = replace(self.selection.fit, sigmas=self.selection.base.sigmas)
         old, new = (surprise(self.bench, fit) for fit in (self.selection.base, after))
-        return 0.0 if old is None or new is None else old - new
+        return 0.0 if old is None or new is None else old.moved - new.moved
 
 
 def diagnose(

@@ -23,7 +23,7 @@ from ..physics.mechanism import Mechanism
 from .noise import outliers
 
 LOUDER = 2.5  # times the noise that differences show, where the model cannot be simulated with that
-OUTLIERS = 2e-3  # share of lone residuals beyond five standard deviations from which the loss is robust
+OUTLIERS = 0.1  # share of lone residuals in the sum of squares: noise levels told without them differ by 5 %
 
 
 @dataclass(frozen=True)
@@ -105,14 +105,14 @@ def fit_declared(
         mechanism: as declared.
         fitted: trials to fit.
         start: start values of parameters, SI units.
-        options: of :class:`Problem`; its loss "auto" is robust where there are outliers, and for laws without memory,
-            which jump within a sample.
+        options: of :class:`Problem`; its loss "auto" is robust where lone residuals make much of the sum of squares:
+            outliers, or the jumps of a law without memory.
 
     Raises:
         UserError: the declared model cannot be fitted.
     """
     auto = options.get("loss", "auto") == "auto"
-    options = {**options, "loss": "gaussian" if auto and mechanism.law.memory else options.get("loss", "auto")}
+    options = {**options, "loss": "gaussian" if auto else options["loss"]}
     problem = Problem(mechanism, fitted, **options)
     estimate = maximum_likelihood(problem, start=start)
     if estimate.outcome == FAILED and not options.get("sigmas"):
@@ -121,8 +121,8 @@ def fit_declared(
         louder = {name: LOUDER * sigma for name, sigma in problem.sigmas.items()}
         problem = Problem(mechanism, fitted, **(options | {"sigmas": louder})).varied(sigmas={})
         estimate = maximum_likelihood(problem, start=start)
-    if auto and mechanism.law.memory and estimate.outcome != FAILED and outliers(estimate.residuals) > OUTLIERS:
-        options["loss"] = "robust"
+    if auto and estimate.outcome != FAILED and outliers(estimate.residuals) > OUTLIERS:
+        options["loss"] = "robust" if mechanism.law.memory else "auto"
         problem = Problem(mechanism, fitted, **options)
         estimate = maximum_likelihood(problem, start=start)
     if estimate.outcome == FAILED:

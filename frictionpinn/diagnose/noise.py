@@ -88,7 +88,8 @@ def _autoregression(gamma: np.ndarray, count: int) -> np.ndarray:
 
 
 def outliers(residuals: Mapping[str, Mapping[str, np.ndarray]]) -> float:
-    """Largest share among the signals of lone residuals beyond five robust standard deviations.
+    """Largest share among the signals that lone residuals beyond five robust standard deviations have in the sum of
+    squares.
 
     Args:
         residuals: trial -> signal -> samples.
@@ -97,7 +98,8 @@ def outliers(residuals: Mapping[str, Mapping[str, np.ndarray]]) -> float:
     for name in {name for signals in residuals.values() for name in signals}:
         rows = [signals[name] for signals in residuals.values() if name in signals]
         spread = 1.4826 * float(np.nanmedian(np.abs(np.concatenate(rows))))
-        shares.append(sum(int(lone(r, spread).sum()) for r in rows) / max(sum(len(r) for r in rows), 1))
+        total = sum(float(np.nansum(r**2)) for r in rows)
+        shares.append(sum(float(np.sum(r[lone(r, spread)] ** 2)) for r in rows) / max(total, 1e-300))
     return max(shares)
 
 

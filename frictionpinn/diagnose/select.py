@@ -163,8 +163,8 @@ def _accepted(before: Fit, winner: Contender, alike: Sequence[Contender]) -> Acc
         "statistic": told * winner.tested.statistic, "log10_p": told * winner.tested.log_p,
         "gain_fitted": before.state.cost - winner.fit.state.cost,
     }  # fmt: skip
-    if winner.surprise is not None and np.isfinite(winner.surprise):
-        evidence["gain_held_out"] = winner.surprise
+    if winner.gain is not None:
+        evidence["gain_held_out"] = winner.gain
     others = tuple((c.tested.candidate, {n: c.fit.values[n] for n in c.tested.candidate.strengths}) for c in alike)
     return Accepted(winner.tested.candidate, winner.tested, evidence, others)
 
