@@ -174,19 +174,19 @@ def judged(
             if c is not winner and c.cost < best.cost + settings.told_apart
             and cosine(c.tested, winner.tested) > settings.same
         ]  # fmt: skip
-        gain: float | None = None
+        held: float | None = None
         if reference is not None and (own := winner.surprise) is not None:
             # Either will do: a law with memory may be bent to the fitted trials, and what vanished is open to anything.
-            gain = max(reference.as_fitted - own.as_fitted, reference.moved - own.moved)
-        if gain is None or gain >= settings.gain:
+            held = max(reference.as_fitted - own.as_fitted, reference.moved - own.moved)
+        if held is None or held >= settings.gain:
             names = {c.tested.candidate.name for c in (winner, *alike)}
             refused += [
                 Refused(c.tested.candidate, f"explains less than {winner.tested.candidate.name}")
                 for c in near if c.tested.candidate.name not in names
             ]  # fmt: skip
-            return replace(winner, gain=gain), alike, refused
+            return replace(winner, gain=held), alike, refused
         refused += [
-            Refused(c.tested.candidate, f"held-out trials do not improve ({gain:+.1f} in log-likelihood)")
+            Refused(c.tested.candidate, f"held-out trials do not improve ({held:+.1f} in log-likelihood)")
             for c in (winner, *alike)
         ]  # fmt: skip
         gone = {c.tested.candidate.name for c in (winner, *alike)}
