@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
-
-from .linear import Rows
 
 MOST = 8  # order of the autoregression tried at most
 WHITE = 0.05  # autocorrelation that is left alone: it changes a statistic by less than a tenth
@@ -17,7 +15,7 @@ WHITE = 0.05  # autocorrelation that is left alone: it changes a statistic by le
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of each signal: e_t = sum_k a_k e_{t-k} + scale * white.
+    """Noise of each signal: e_t = sum_k a_k e_{t-k} + scale * white; a signal that is not named has white unit noise.
 
     Attributes:
         coefficients: signal -> a, shape (order,); order 0 is white noise.
@@ -25,9 +23,9 @@ class Noise:
         level: signal -> the noise's standard deviation, in the same units.
     """
 
-    coefficients: dict[str, np.ndarray]
-    scale: dict[str, float]
-    level: dict[str, float]
+    coefficients: dict[str, np.ndarray] = field(default_factory=dict)
+    scale: dict[str, float] = field(default_factory=dict)
+    level: dict[str, float] = field(default_factory=dict)
 
     @property
     def coloured(self) -> tuple[str, ...]:
@@ -54,17 +52,19 @@ class Noise:
         return result
 
 
-def fit_noise(rows: Sequence[Rows], residuals: Sequence[np.ndarray], freedom: float) -> Noise:
+def fit_noise(residuals: Sequence[Mapping[str, np.ndarray]], freedom: float) -> Noise:
     """Autoregressions by Yule and Walker, the order of each by Akaike's criterion.
 
     Args:
-        rows: one of each trial: signals, and which samples count.
-        residuals: what is left when everything that a model could explain is taken out, shape (signals, n) each.
+        residuals: of each trial by signal, shape (n,), 0 where nothing was measured: what is left when everything that
+            a model could explain is taken out.
         freedom: degrees of freedom left, over the number of samples.
+
+    Source: Box, Jenkins and Reinsel, Time Series Analysis (1994), chapters 6 and 7.
     """
     coefficients, scale, level = {}, {}, {}
-    for name in dict.fromkeys(signal for row in rows for signal in row.signals):
-        own = [r[row.signals.index(name)] for row, r in zip(rows, residuals, strict=True) if name in row.signals]
+    for name in dict.fromkeys(name for signals in residuals for name in signals):
+        own = [signals[name] for signals in residuals if name in signals]
         count = max(sum(int(np.count_nonzero(e)) for e in own), 1)
         gamma = np.array([sum(float(e[lag:] @ e[: len(e) - lag]) for e in own) / count for lag in range(MOST + 1)])
         a = _autoregression(gamma, count) if gamma[0] > 0 else np.zeros(0)
@@ -75,6 +75,8 @@ def fit_noise(rows: Sequence[Rows], residuals: Sequence[np.ndarray], freedom: fl
 
 
 def _autoregression(gamma: np.ndarray, count: int) -> np.ndarray:
+    """Coefficients from the autocovariances at lags 0, 1, ... of so many samples; none where the noise is white."""
+    # White noise of few samples shows correlations too: four standard errors.
     if np.abs(gamma[1:]).max() < max(WHITE, 4 / np.sqrt(count)) * gamma[0]:
         return np.zeros(0)
     best, least = np.zeros(0), count * np.log(gamma[0])

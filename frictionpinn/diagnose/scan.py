@@ -1,24 +1,58 @@
-"""One pass over all candidates at a fit: the score test of each, at every value of its hidden parameters."""
+"""One pass over all candidates at a fit: the score test of each, at every value of its hidden parameters.
+
+1. The fit is linearised in all that is estimated, and in every candidate and every force and friction that depends on
+   one variable in any way.
+2. What is left when all of these have explained what they can tells the noise of every signal and its colour.
+3. Each candidate's columns at each point of its grid are tested beside what is estimated: the best point counts.
+4. So are the columns of forces and frictions that depend on a variable.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..numerics.parallel import in_parallel
+from ..numerics.resolution import samples_within
+from ..numerics.simulate import ContactLost, Simulation, SimulationFailed
+from ..numerics.tangent import Tangent
 from .bench import Bench
 from .candidates import BUMPS, Candidate, Remainder
 from .fit import Fit
-from .linear import Rows
 from .noise import Noise, fit_noise
-from .overflow import limit, overflowing, sizes, without
-from .points import Place, Tested, test_all
-from .rows import linearise
-from .score import Columns, Normal, log_p, solve
+from .score import SINGULAR, TINY, Columns, Normal, Rows, beside, linearise, log_p, solve, weighted
 
-__all__ = ["Remaining", "Scanned", "Tested", "scan"]
+GUESS = 0.1  # of its usual size: a strength whose step no derivative tells
+BEYOND = 1e8  # times the range of the signals: squares of such columns and of others have no common digits
+
+
+@dataclass(frozen=True)
+class Tested:
+    """A candidate at a fit.
+
+    Attributes:
+        candidate: what was tested.
+        log_p: decimal logarithm of the chance of such a statistic where the candidate is absent, all values tried
+            counted.
+        statistic: chi-squared where the candidate is absent.
+        freedom: its degrees of freedom.
+        step: strength -> value that one Gauss-Newton step gives, SI units.
+        shape: hidden parameter -> value, of those tried the one that explains most.
+        trace: the part of its derivatives that nothing else explains, shape (rows of all trials,), at unit length.
+        untested: it could not be tested, since its derivatives overflow: simulated forward, an unstable motion makes of
+            a tiny strength more than numbers hold. Its step is a guess then.
+    """
+
+    candidate: Candidate
+    log_p: float
+    statistic: float
+    freedom: int
+    step: dict[str, float]
+    shape: dict[str, float]
+    trace: np.ndarray
+    untested: bool = False
 
 
 @dataclass(frozen=True)
@@ -28,7 +62,7 @@ class Remaining:
     Attributes:
         variable: it, see :func:`frictionpinn.diagnose.candidates.remainders`.
         kind: "force" or "friction".
-        log_p, statistic, freedom: as of a candidate.
+        log_p: as of a candidate.
         coefficients: of the bumps, one Gauss-Newton step, shape (BUMPS,).
         errors: their covariance, shape (BUMPS, BUMPS).
     """
@@ -36,15 +70,17 @@ class Remaining:
     variable: str
     kind: str
     log_p: float
-    statistic: float
-    freedom: int
     coefficients: np.ndarray
     errors: np.ndarray
 
     @property
     def names(self) -> tuple[str, ...]:
         """Strengths of its bumps."""
-        return tuple(f"{self.kind}_{self.variable}_{k}" for k in range(BUMPS))
+        return _bumps(self.kind, self.variable)
+
+
+def _bumps(kind: str, variable: str) -> tuple[str, ...]:
+    return tuple(f"{kind}_{variable}_{k}" for k in range(BUMPS))
 
 
 @dataclass(frozen=True)
@@ -55,7 +91,6 @@ class Scanned:
         tested: candidates, the most significant first.
         remaining: variables, the most significant first.
         noise: of every signal.
-        residual: sum of squares in units of white noise, and its degrees of freedom.
         known: normal equations of what is estimated already.
         sigmas: noise of every signal, SI units.
     """
@@ -63,7 +98,6 @@ class Scanned:
     tested: tuple[Tested, ...]
     remaining: tuple[Remaining, ...]
     noise: Noise
-    residual: tuple[float, float]
     known: Normal
     sigmas: dict[str, float]
 
@@ -79,60 +113,163 @@ def scan(
 
     Args:
         options: candidates that are not part of the fit.
-        remainders: of the tested mechanism; may be empty.
+        remainders: of the probed mechanism; may be empty.
         places: hidden parameters of the remainders.
     """
-    strengths = tuple(dict.fromkeys(name for c in options for name in c.strengths))
-    unknown = tuple(name for r in remainders for names in _groups(r).values() for name in names)
     middle = {name: value for c in options for name, value in c.grid[len(c.grid) // 2].items()}
-    names = (*fit.names, *strengths, *unknown)
-    rows = linearise(bench, fit, names, {**middle, **places}, probed=bool(remainders))
-    wild = overflowing(rows, sizes(bench, bench.probe.mechanism.parameters, names), limit(bench, fit))
-    rows = without(rows, wild)
-    noise, freedom = _noise(rows, names)
-    columns = _columns(rows, noise)
-    normal = Normal.of(names, columns)
-    rest = normal.given(fit.names)
-    tested = test_all(Place(bench, fit, columns, rows, normal, noise, middle), options)
-    found = []
-    for r in remainders:
-        for kind, group in _groups(r).items():
-            statistic, rank, step = rest.test(group, _lengths(normal, group))
-            at = rest.places(group)
-            errors = np.linalg.pinv(rest.A[np.ix_(at, at)], rcond=1e-9, hermitian=True)
-            found.append(Remaining(r.variable, kind, log_p(statistic, rank), statistic, rank, step, errors))
-    n = len(fit.names)
-    known = Normal(fit.names, normal.A[:n, :n], normal.b[:n], normal.rr, normal.V[:n, :n])
+    fit = replace(fit, values=fit.values | middle)
+    strengths = dict.fromkeys(name for c in options for name in c.strengths)
+    variables = [(r.variable, kind) for r in remainders for kind in ("force", "friction")]
+    bumps = [name for variable, kind in variables for name in _bumps(kind, variable)]
+    names = (*fit.names, *strengths, *bumps)
+    rows = linearise(bench, fit, names, places)
+    sizes = {par.name: bench.sizes.of(par) for par in bench.probe.mechanism.parameters if par.name in names}
+    wild = _overflowing(fit, [row.change for row in rows], [sizes[name] for name in names])
+    finite = [replace(row, change=np.where(wild, 0.0, row.change)) for row in rows]
+    noise = _noise(finite)
+    estimated = [replace(row, change=row.change[:, :, : len(fit.names)]) for row in finite]
+    known = in_parallel(lambda k: Columns.of(estimated[k], noise), [row.r.size for row in rows])
+    runs = bench.simulate(fit, strict=True)
+    place = _Place(bench, fit, names, rows, known, noise, sizes, runs)
+
+    tested = in_parallel(lambda k: place.test(options[k]), [len(c.grid) for c in options])
+    left, lengths = place.left(place.at_hand(bumps), bumps)
+    remaining = []
+    for k, (variable, kind) in enumerate(variables):
+        at = np.arange(k * BUMPS, (k + 1) * BUMPS)
+        normal = Normal.of(_bumps(kind, variable), [c.part(at) for c in left])
+        score, errors = normal.test(lengths[at]), np.linalg.pinv(normal.A, rcond=SINGULAR, hermitian=True)
+        remaining.append(Remaining(variable, kind, log_p(score.statistic, score.freedom), score.step, errors))
     return Scanned(
         tuple(sorted(tested, key=lambda t: t.log_p)),
-        tuple(sorted(found, key=lambda m: m.log_p)),
+        tuple(sorted(remaining, key=lambda m: m.log_p)),
         noise,
-        (rest.rr, freedom - len(fit.names)),
-        known,
+        Normal.of(fit.names, known),
         {name: sigma * noise.level.get(name, 1.0) for name, sigma in fit.sigmas.items()},
     )
 
 
-def _groups(remainder: Remainder) -> dict[str, tuple[str, ...]]:
-    return {key: tuple(f"{key}_{remainder.variable}_{k}" for k in range(BUMPS)) for key in ("force", "friction")}
+def _overflowing(fit: Fit, changes: Sequence[np.ndarray], sizes: Sequence[float]) -> np.ndarray:
+    """Mask of columns that are no numbers, or change a signal by too much at usual sizes of their parameters.
+
+    Args:
+        changes: rows of every trial, shape (signals, n, columns).
+        sizes: of the columns' parameters, SI units, shape (columns,).
+    """
+    most, wild = BEYOND, np.zeros(len(sizes), bool)
+    for model in fit.models:
+        for name, y in zip(model.outputs, model.y, strict=True):
+            if not np.isnan(y).all():
+                most = max(most, BEYOND * float(np.nanmax(y) - np.nanmin(y)) / fit.sigmas[name])
+    for change in changes:
+        with np.errstate(over="ignore", invalid="ignore"):
+            wild |= ~(np.abs(change).max(axis=(0, 1), initial=0.0) * np.asarray(sizes) <= most)
+    return wild
 
 
-def _lengths(normal: Normal, names: Sequence[str]) -> np.ndarray:
-    return normal.A.diagonal()[normal.places(names)]
-
-
-def _columns(rows: Sequence[Rows], noise: Noise | None) -> list[Columns]:
-    return in_parallel(lambda k: Columns.of(rows[k], noise), [row.r.size for row in rows])
-
-
-def _noise(rows: Sequence[Rows], names: Sequence[str]) -> tuple[Noise, float]:
-    """Noise of what is left when every candidate and variable has explained what it can; samples free to vary."""
-    columns = _columns(rows, None)
-    normal = Normal.of(names, columns)
+def _noise(rows: Sequence[Rows]) -> Noise:
+    """Noise of what is left when every candidate and variable has explained what it can."""
+    columns = in_parallel(lambda k: Columns.of(rows[k], Noise()), [row.r.size for row in rows])
+    normal = Normal.of((), columns)
     step = solve(normal.A, normal.b)
-    residuals = [
-        (c.r - c.matrix @ step).reshape(row.r.shape) for row, c in zip(rows, columns, strict=True)
-    ]  # fmt: skip
+    left = [(c.r - c.matrix @ step).reshape(row.r.shape) for row, c in zip(rows, columns, strict=True)]
+    residuals = [dict(zip(row.signals, r, strict=True)) for row, r in zip(rows, left, strict=True)]
     count = sum(int(np.count_nonzero(row.r)) for row in rows)
-    local = sum(c.own.shape[1] for c in columns)
-    return fit_noise(rows, residuals, 1 - (local + len(names)) / count), count - local
+    explained = len(step) + sum(c.own.shape[1] for c in columns)
+    return fit_noise(residuals, 1 - explained / count)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where candidates are tested.
+
+    Attributes:
+        fit: with the hidden parameters of all candidates at the middle of their grids.
+        names: parameters of ``rows``.
+        rows, known: of every trial, in all parameters and in the estimated ones.
+        sizes: usual sizes of parameters, SI units.
+        runs: strict simulations of every trial.
+    """
+
+    bench: Bench
+    fit: Fit
+    names: tuple[str, ...]
+    rows: Sequence[Rows]
+    known: Sequence[Columns]
+    noise: Noise
+    sizes: Mapping[str, float]
+    runs: Sequence[Simulation]
+
+    def test(self, c: Candidate) -> Tested:
+        """A candidate at the point of its grid where it explains most."""
+        changes = self.at_hand(c.strengths) if len(c.grid) == 1 else self.on_grid(c)
+        left, lengths = self.left(changes, c.strengths * len(c.grid))
+        at = np.arange(len(lengths)).reshape(len(c.grid), -1)
+        scores = [Normal.of(c.strengths, [x.part(own) for x in left]).test(lengths[own]) for own in at]
+        j = max(range(len(at)), key=lambda j: scores[j].statistic)
+        best, shape = scores[j], dict(c.grid[j])
+        if best.freedom == 0 and any(score.overflow for score in scores):
+            guess, trace = (
+                {name: GUESS * self.sizes[name] for name in c.strengths},
+                np.zeros(sum(len(x.r) for x in left)),
+            )
+            return Tested(c, 0.0, 0.0, 0, guess, shape, trace, untested=True)
+        trace = np.concatenate([x.matrix[:, at[j]] @ best.step for x in left])
+        trace /= max(float(np.linalg.norm(trace)), TINY)
+        step = dict(zip(c.strengths, best.step.tolist(), strict=True))
+        chance = log_p(best.statistic, best.freedom, len(c.grid))
+        return Tested(c, chance, best.statistic, best.freedom, step, shape, trace)
+
+    def at_hand(self, names: Sequence[str]) -> list[np.ndarray]:
+        """Rows of every trial in some of the parameters, at the middle of the grids."""
+        at = [self.names.index(name) for name in names]
+        return [row.change[:, :, at] for row in self.rows]
+
+    def on_grid(self, c: Candidate) -> list[np.ndarray]:
+        """Rows of every trial in a candidate's strengths at every point of its grid, the strengths side by side.
+
+        Where the shape of an effect leaves the motion as it is, all points share one set of linear equations. The
+        others are simulated; infinite where that fails.
+        """
+        simulator, fit = self.bench.simulator, self.fit
+        moving = any(e.name == c.effect and (e.states or e.memory) for e in self.bench.tested.effects)
+        linear = not moving and Tangent.answers(simulator, c.strengths)
+
+        def simulated(k: int, shape: Mapping[str, float]) -> np.ndarray:
+            model, p = replace(fit.models[k], simulator=simulator), fit.values | dict(shape)
+            try:
+                run = model.simulate(p, fit.locals[k], c.strengths, ran=None if moving else self.runs[k])
+            except (SimulationFailed, ContactLost):
+                return np.full((*model.y.shape, len(c.strengths)), np.inf)
+            return model.derivatives(run, p, c.strengths)[:, :, : len(c.strengths)]
+
+        def work(k: int) -> np.ndarray:
+            model, row = fit.models[k], self.rows[k]
+            if linear:
+                steady = "z" not in model.start
+                tangent = Tangent(simulator, self.runs[k], model.path(fit.locals[k]), fit.values, steady=steady)
+                changes = tangent.respond(c.strengths, c.grid, model.contact)
+                J = np.stack([changes[key] for key in model.outputs.values()])
+            else:
+                J = np.concatenate([simulated(k, shape) for shape in c.grid], axis=2)
+            rows = weighted(J, row.weight[: len(J)], samples_within(model.t, fit.width))
+            return np.pad(rows, ((0, len(row.signals) - len(J)), (0, 0), (0, 0)))  # inputs depend on no strength
+
+        return in_parallel(work, [row.r.size for row in self.rows])
+
+    def left(self, changes: Sequence[np.ndarray], names: Sequence[str]) -> tuple[list[Columns], np.ndarray]:
+        """Columns beside what is estimated, and their squared lengths before: infinite of those that overflow.
+
+        Args:
+            changes: rows of every trial, shape (signals, n, columns).
+            names: the columns' parameters.
+        """
+        wild = _overflowing(self.fit, changes, [self.sizes[name] for name in names])
+
+        def work(k: int) -> Columns:
+            row = replace(self.rows[k], change=np.where(wild, 0.0, changes[k]))
+            return Columns.of(row, self.noise, self.known[k].own)
+
+        columns = in_parallel(work, [row.r.size for row in self.rows])
+        lengths = np.asarray(sum((c.matrix**2).sum(axis=0) for c in columns))
+        return beside(self.known, columns), np.where(wild, np.inf, lengths)

@@ -1,39 +1,125 @@
-"""Score test of every candidate at a fit: how much would the likelihood gain if its strengths left neutral?
+"""Score test: how much would the likelihood gain if the strengths of a candidate left neutral?
 
-With r the residuals in units of their noise, B the derivatives in what is estimated already and S those in the
-strengths of a candidate, the statistic is (S_B' r)' (S_B' R S_B)^-1 (S_B' r), S_B = S less its projection on B and R
-the autocorrelation of the noise (Rao's score or Lagrange multiplier test, robust to coloured noise); it is chi-squared
-where the candidate is absent. The trial's own unknowns, initial states and noisy inputs, are projected out first.
+Near a fit the model is linear in all that may change. With r the residuals in units of their noise and C their
+derivatives in parameters, each trial's own unknowns (nuisance parameters: initial states and noisy inputs) projected
+out of both, the normal equations are
+
+    A d = -b,  A = C'C,  b = C'r,  V = C'RC,
+
+V the covariance of b and R the autocorrelation of the noise. An estimate has the covariance A^-1 V A^-1 (sandwich).
+For a candidate with columns S beside those of what is estimated already, B, take S_B = S - B (B'B)^-1 B'S. Then
+
+    (S_B' r)' (S_B' R S_B)^-1 (S_B' r)
+
+is chi-squared where the candidate is absent, and -(S_B' S_B)^-1 S_B' r is its step (Rao's score or Lagrange multiplier
+test, robust to coloured noise).
 
 Source: Rao, Proc. Camb. Phil. Soc. 44 (1948); White, Maximum likelihood of misspecified models, Econometrica 50 (1982).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import gammaln
 from scipy.stats import chi2
 
-from .linear import Rows
+from ..numerics.parallel import in_parallel
+from ..numerics.resolution import averaged, samples_within
+from .bench import Bench
+from .fit import Fit
 from .noise import Noise
 
 SINGULAR = 1e-9  # of the largest eigenvalue: directions below are not told by the data
 NOTHING = 1e-6  # of a column's squared length: what is left of it beside what is estimated is rounding
 ALIKE = 0.995  # share of a candidate's trace that another explains: the data do not tell them apart
+TINY = 1e-300  # keeps what is zero from being divided by
+
+
+@dataclass(frozen=True)
+class Rows:
+    """One trial at a fit, in units of the noise; rows run over signals, then samples at the fit's resolution in time.
+
+    Attributes:
+        signals: measured signals, outputs first, then noisy inputs.
+        r: model minus measurement, shape (signals, n); 0 where missing.
+        change: derivatives in the parameters, shape (signals, n, parameters); 0 for inputs.
+        local: derivatives in the trial's own unknowns, shape (signals, n, unknowns).
+        weight: what r and derivatives in SI units were multiplied by, shape (signals, samples), see :func:`weighted`.
+    """
+
+    signals: tuple[str, ...]
+    r: np.ndarray
+    change: np.ndarray
+    local: np.ndarray
+    weight: np.ndarray
+
+
+def weighted(values: np.ndarray, weight: np.ndarray, half: int) -> np.ndarray:
+    """Values in SI units, shape (signals, samples, k), as rows.
+
+    Args:
+        weight: 1 / noise, 0 where nothing was measured, shape (signals, samples). With a robust loss it carries the
+            square root of its weights, as in iteratively reweighted least squares.
+        half: see :func:`frictionpinn.numerics.resolution.averaged`; 0: every sample is a row.
+    """
+    with np.errstate(over="ignore"):
+        rows = np.nan_to_num(values) * weight[:, :, None]
+    return averaged(np.ascontiguousarray(rows), np.ones(weight.shape), half) if half else rows
+
+
+def on_probe(bench: Bench, fit: Fit, values: Mapping[str, float]) -> Fit:
+    """The fit on the mechanism with forces that depend on a variable in any way, all of these still zero.
+
+    ``values`` are of other parameters of it than the fit's: hidden ones.
+    """
+    idle = {par.name: float(par.value) for par in bench.probe.mechanism.parameters if par.value is not None}
+    models = tuple(replace(model, simulator=bench.probe) for model in fit.models)
+    return replace(fit, values=idle | fit.values | dict(values), models=models)
+
+
+def linearise(bench: Bench, fit: Fit, names: Sequence[str], values: Mapping[str, float]) -> list[Rows]:
+    """Every trial at a fit, see :func:`on_probe`, with derivatives in the parameters ``names``.
+
+    Raises:
+        ContactLost, SimulationFailed: the model cannot be simulated there.
+    """
+    fit, loss, joint = on_probe(bench, fit, values), bench.problem.loss, bench.problem.joint
+
+    def work(k: int) -> Rows:
+        model, local = fit.models[k], fit.locals[k]
+        run = model.simulate(fit.values, local, names, joint)
+        signals, r, J = list(model.outputs), [model.predict(run) - model.y], [model.derivatives(run, fit.values, names)]
+        first = len(names) + len(model.states)
+        if joint:
+            for item, coefficients in zip(model.inputs, model.coefficients(local), strict=True):
+                own = np.zeros((len(item.names), *J[0].shape[1:]))
+                own[:, :, first : first + item.basis.size] = item.basis.design
+                first += item.basis.size
+                signals += item.names
+                r.append(item.basis.design @ coefficients - item.y)
+                J.append(own)
+        residuals, sigmas = np.concatenate(r), np.array([fit.sigmas.get(name, 1.0) for name in signals])[:, None]
+        weight = np.sqrt(loss.weight(np.nan_to_num(residuals) / sigmas)) / sigmas
+        weight = np.where(np.isnan(residuals), 0.0, weight)
+        rows = weighted(np.dstack([residuals, np.concatenate(J)]), weight, samples_within(model.t, fit.width))
+        r_, change, own = np.split(rows, [1, 1 + len(names)], axis=2)
+        return Rows(tuple(signals), r_[:, :, 0], change, own, weight)
+
+    return in_parallel(work, [len(model.t) for model in fit.models])
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Everything that a trial says, its own unknowns projected out, in units of the noise.
+    """Rows of a trial, its own unknowns projected out, in units of the noise.
 
     Attributes:
-        own: orthonormal basis of the trial's own unknowns, shape (rows, unknowns).
+        own: orthonormal basis of the derivatives in the trial's own unknowns, shape (rows, unknowns).
         r: residuals, shape (rows,).
         matrix: derivatives C, shape (rows, parameters).
-        spread: W with W'W = C'RC, shape (rows, parameters).
+        spread: W with W'W = C'RC, shape (rows, parameters); C itself where the noise is white.
     """
 
     own: np.ndarray
@@ -42,28 +128,27 @@ class Columns:
     spread: np.ndarray
 
     @classmethod
-    def of(cls, row: Rows, noise: Noise | None) -> Columns:
-        """Scale, flatten and project."""
-        r, change, local = row.r, row.change, row.local
-        if noise is not None:
-            r, change, local = (noise.scaled(row.signals, values) for values in (r, change, local))
-        own = basis(local.reshape(r.size, -1))
+    def of(cls, row: Rows, noise: Noise, own: np.ndarray | None = None) -> Columns:
+        """Scale, flatten and project; ``own`` is the basis where it is known."""
+        r, change, local = (noise.scaled(row.signals, values) for values in (row.r, row.change, row.local))
+        own = basis(local.reshape(r.size, -1)) if own is None else own
         matrix = project(own, change.reshape(r.size, -1))
         spread = matrix
-        if noise is not None and noise.coloured:
+        if noise.coloured:
             spread = noise.spread(row.signals, matrix.reshape(change.shape)).reshape(matrix.shape)
         return cls(own, project(own, r.reshape(-1)), matrix, spread)
 
+    def part(self, at: np.ndarray) -> Columns:
+        """Some of the parameters."""
+        matrix = self.matrix[:, at]
+        return replace(self, matrix=matrix, spread=matrix if self.spread is self.matrix else self.spread[:, at])
+
 
 def basis(matrix: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the columns of a matrix, those that depend on others left out."""
-    norms = np.linalg.norm(matrix, axis=0)
-    scaled = matrix[:, norms > 0] / norms[norms > 0]
-    if not scaled.shape[1]:
-        return scaled
-    values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    keep = values > SINGULAR * values[-1]
-    return scaled @ (vectors[:, keep] / np.sqrt(values[keep]))
+    """Orthonormal basis of the columns of a matrix, those that overflow or depend on others left out."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        matrix = matrix[:, np.isfinite((matrix**2).sum(axis=0))]
+    return matrix @ inverse_root(matrix.T @ matrix)
 
 
 def project(own: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -72,8 +157,25 @@ def project(own: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
+class Score:
+    """Result of a score test of k strengths.
+
+    Attributes:
+        step: one Gauss-Newton step, shape (k,), SI units.
+        statistic: chi-squared where the strengths are neutral.
+        freedom: its degrees of freedom.
+        overflow: whether some columns hold what is no number, or numbers that are too far apart.
+    """
+
+    step: np.ndarray
+    statistic: float = 0.0
+    freedom: int = 0
+    overflow: bool = False
+
+
+@dataclass(frozen=True)
 class Normal:
-    """Normal equations of named columns: A = C'C, b = C'r and the covariance V = C'RC of b, summed over the trials.
+    """Normal equations of named columns, summed over the trials.
 
     Attributes:
         names: parameters.
@@ -96,59 +198,56 @@ class Normal:
         V = sum(c.spread.T @ c.spread for c in columns)
         return cls(tuple(names), np.asarray(A), np.asarray(b), float(sum(c.r @ c.r for c in columns)), np.asarray(V))
 
-    def places(self, names: Sequence[str]) -> list[int]:
-        """Columns of these parameters."""
-        return [self.names.index(name) for name in names]
-
-    def given(self, known: Sequence[str]) -> Normal:
-        """The equations of the others when these are estimated along."""
-        inner = self.places(known)
-        outer = [i for i in range(len(self.names)) if i not in set(inner)]
-        X = solve(self.A[np.ix_(inner, inner)], np.column_stack([self.A[np.ix_(inner, outer)], self.b[inner]]))
-        A = self.A[np.ix_(outer, outer)] - self.A[np.ix_(outer, inner)] @ X[:, :-1]
-        b = self.b[outer] - self.A[np.ix_(outer, inner)] @ X[:, -1]
-        T = np.zeros((len(self.names), len(outer)))
-        T[inner], T[outer] = -X[:, :-1], np.eye(len(outer))
-        rr = self.rr - float(self.b[inner] @ X[:, -1])
-        return Normal(tuple(self.names[i] for i in outer), A, b, rr, T.T @ self.V @ T)
-
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of the parameters by least squares, A^-1 V A^-1, shape (n, n)."""
-        inverse, _ = pseudo_inverse(self.A)
-        return inverse @ self.V @ inverse
+        """Covariance of the parameters by least squares, shape (n, n)."""
+        H = inverse_root(self.A)
+        return H @ (H.T @ self.V @ H) @ H.T
 
-    def test(self, names: Sequence[str], scale: np.ndarray | None = None) -> tuple[float, int, np.ndarray]:
-        """Statistic, degrees of freedom and the step of the strengths, shape (names,).
+    def test(self, lengths: np.ndarray) -> Score:
+        """Score test, where the columns are what strengths have beside all that is estimated, see :func:`beside`.
 
-        ``scale`` holds the squared lengths of their columns before anything was projected out: what is left of them
-        below rounding counts as nothing, and so does a column of infinite length: one that could not be computed.
+        Args:
+            lengths: squared lengths of the strengths' columns before that, shape (n,). What is left below rounding
+                counts as nothing, and so does a column of infinite length: one that overflows.
         """
-        at = self.places(names)
-        A, b = self.A[np.ix_(at, at)], self.b[at]
-        size = A.diagonal() if scale is None else scale
-        keep = A.diagonal() > NOTHING * np.maximum(size, 1e-300)
-        step = np.zeros(len(at))
-        if not keep.any():
-            return 0.0, 0, step
-        inverse, rank = pseudo_inverse(A[np.ix_(keep, keep)])
-        step[keep] = -inverse @ b[keep]
-        spread, _ = pseudo_inverse(self.V[np.ix_(at, at)][np.ix_(keep, keep)])
-        return float(b[keep] @ spread @ b[keep]), rank, step
+        keep, step = self.A.diagonal() > NOTHING * np.maximum(lengths, TINY), np.zeros(len(self.b))
+        b, at = self.b[keep], np.ix_(keep, keep)
+        try:
+            H, spread = inverse_root(self.A[at]), inverse_root(self.V[at])
+        except np.linalg.LinAlgError:  # numbers that are too far apart
+            return Score(step, overflow=True)
+        step[keep] = -H @ (H.T @ b)
+        return Score(step, float(np.sum((spread.T @ b) ** 2)), H.shape[1], bool(np.isinf(lengths).any()))
 
 
-def pseudo_inverse(A: np.ndarray) -> tuple[np.ndarray, int]:
-    """Inverse of a positive matrix in the directions that the data tell, and their number."""
-    size = 1 / np.sqrt(np.maximum(A.diagonal(), 1e-300))
+def beside(known: Sequence[Columns], others: Sequence[Columns]) -> list[Columns]:
+    """S_B of every trial: what is left of the others' columns when those of what is known have explained what they can.
+
+    ``r`` is left as it is: S_B is orthogonal to what they explain of it.
+    """
+    A = np.asarray(sum(B.matrix.T @ B.matrix for B in known))
+    along = solve(A, np.asarray(sum(B.matrix.T @ S.matrix for B, S in zip(known, others, strict=True))))
+    result = []
+    for B, S in zip(known, others, strict=True):
+        left = S.matrix - B.matrix @ along
+        white = S.spread is S.matrix
+        result.append(replace(S, matrix=left, spread=left if white else S.spread - B.spread @ along))
+    return result
+
+
+def inverse_root(A: np.ndarray) -> np.ndarray:
+    """H with HH' = A^-1 in the directions that the data tell, for a positive matrix of shape (n, n): (n, rank)."""
+    size = 1 / np.sqrt(np.maximum(A.diagonal(), TINY))
     values, vectors = np.linalg.eigh(A * size[:, None] * size)
-    keep = values > SINGULAR * max(values[-1], 1e-300)
-    half = size[:, None] * vectors[:, keep] / np.sqrt(values[keep])
-    return half @ half.T, int(keep.sum())
+    keep = values > SINGULAR * values.max(initial=TINY)
+    return size[:, None] * vectors[:, keep] / np.sqrt(values[keep])
 
 
 def solve(A: np.ndarray, right: np.ndarray) -> np.ndarray:
     """A^-1 right for a positive matrix, in the directions that the data tell."""
-    return pseudo_inverse(A)[0] @ right if len(A) else np.zeros((0, *right.shape[1:]))
+    H = inverse_root(A)
+    return H @ (H.T @ right)
 
 
 def log_p(statistic: float, freedom: int, trials: int = 1) -> float:

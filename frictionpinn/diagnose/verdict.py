@@ -14,9 +14,9 @@ from .candidates import Remainder
 from .contenders import check
 from .errors import compare, main_signal
 from .fit import Fit
-from .rows import linearise, on_probe
+from .noise import Noise
 from .scan import Remaining, Scanned
-from .score import Columns, Normal
+from .score import Columns, Normal, linearise, on_probe
 from .select import Selection, Settings
 
 FOUND, NOTHING, PARTLY, UNEXPLAINED = "effect found", "nothing missing", "partly explained", "unexplained"
@@ -189,8 +189,8 @@ def explained_share(bench: Bench, fit: Fit, found: Remaining, places: Mapping[st
     checked = check(bench, fit)
     if checked is None:
         return float("nan")
-    rows = linearise(bench, checked, found.names, places, probed=True)
-    columns = [Columns.of(row, None) for row in rows]
+    rows = linearise(bench, checked, found.names, places)
+    columns = [Columns.of(row, Noise()) for row in rows]
     normal = Normal.of(found.names, columns)
     # A fit may take what it lacks for noise; differences from sample to sample do not.
     level = {name: min(1.0, bench.problem.sigmas[name] / sigma) for name, sigma in checked.sigmas.items()}

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from contending import option
 from test_possible import drive
 
-from frictionpinn.diagnose import points
 from frictionpinn.diagnose import scan as scanning
-from frictionpinn.diagnose.contest import _with_untested
-from frictionpinn.diagnose.scan import scan
+from frictionpinn.diagnose.score import Normal, Score
 
 __all__ = ["drive"]
 NAMES = "asymmetry", "drag", "inertia"
@@ -20,7 +15,9 @@ NAMES = "asymmetry", "drag", "inertia"
 
 def scanned(drive):
     bench, table = drive
-    return {t.candidate.name: t for t in scan(bench, bench.base(), [table[name] for name in NAMES], (), {}).tested}
+    return {
+        t.candidate.name: t for t in scanning.scan(bench, bench.base, [table[name] for name in NAMES], (), {}).tested
+    }
 
 
 def spoilt(work, value, column):
@@ -38,8 +35,7 @@ def spoilt(work, value, column):
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200, 1e30])
 def test_a_candidate_whose_derivatives_overflow_could_not_be_tested_and_the_others_are(drive, monkeypatch, value):
     usual = scanned(drive)
-    for module, name in ((points, "derivatives"), (scanning, "linearise")):
-        monkeypatch.setattr(module, name, spoilt(getattr(module, name), value, "drag"))
+    monkeypatch.setattr(scanning, "linearise", spoilt(scanning.linearise, value, "drag"))
     found = scanned(drive)
     assert found["drag"].untested and found["drag"].log_p == 0.0 and found["drag"].step["drag"] > 0
     assert not any(usual[name].untested for name in NAMES)
@@ -48,18 +44,30 @@ def test_a_candidate_whose_derivatives_overflow_could_not_be_tested_and_the_othe
         assert found[name].statistic == pytest.approx(usual[name].statistic, rel=0.05, abs=0.05)
 
 
-def test_eigenvalues_that_do_not_converge_make_no_error(drive, monkeypatch):
-    def fails(*a):
-        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+def test_a_simulation_that_fails_at_some_shape_leaves_the_others(drive, monkeypatch):
+    bench, table = drive
+    ripple = table["ripple (force)"]
 
-    monkeypatch.setattr(points.Normal, "test", fails)
+    def tested():
+        return scanning.scan(bench, bench.base, [ripple], (), {}).tested[0]
+
+    usual, respond = tested(), scanning.Tangent.respond
+
+    def fails(keep):
+        def work(*a):
+            lost = np.repeat([shape not in keep for shape in ripple.grid], len(ripple.strengths))
+            return {key: np.where(lost, np.inf, values) for key, values in respond(*a).items()}
+
+        return work
+
+    monkeypatch.setattr(scanning.Tangent, "respond", fails([usual.shape]))
+    found = tested()
+    assert not found.untested and found.shape == usual.shape
+    assert found.statistic == pytest.approx(usual.statistic, rel=1e-6)
+    monkeypatch.setattr(scanning.Tangent, "respond", fails([]))
+    assert tested().untested
+
+
+def test_numbers_that_are_too_far_apart_are_not_tested(drive, monkeypatch):
+    monkeypatch.setattr(Normal, "test", lambda normal, lengths: Score(np.zeros(len(lengths)), overflow=True))
     assert all(t.untested for t in scanned(drive).values())
-
-
-def test_what_could_not_be_tested_is_refitted_before_what_has_hidden_parameters():
-    ripple, vibration, drag = option("ripple", 1), option("vibration", 2), option("drag", 3)
-    for tested in (ripple, vibration):
-        tested.candidate = replace(tested.candidate, hidden=("wavelength",))
-    asymmetry, delay = option("asymmetry", 4), option("delay", 5)
-    order = _with_untested([[ripple], [drag], [vibration]], [asymmetry, delay, drag])
-    assert [g[0].candidate.effect for g in order] == ["drag", "asymmetry", "delay", "ripple", "vibration"]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,11 +12,11 @@ from hypothesis import strategies as st
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from frictionpinn.diagnose.linear import Rows
+from frictionpinn.diagnose import score
 from frictionpinn.diagnose.noise import Noise, fit_noise, outliers
-from frictionpinn.diagnose.score import Columns, Normal, basis, log_p, project
+from frictionpinn.diagnose.score import Columns, Normal, Rows, basis, beside, log_p, project
 
-WHITE = Noise({}, {}, {})
+WHITE = Noise()
 
 
 def rows(seed: int, n: int = 60, parameters: int = 4, local: int = 2, signals: int = 2) -> Rows:
@@ -24,16 +27,23 @@ def rows(seed: int, n: int = 60, parameters: int = 4, local: int = 2, signals: i
         rng.normal(size=(signals, n)),
         rng.normal(size=(signals, n, parameters)),
         rng.normal(size=(signals, n, local)),
+        np.ones((signals, n)),
     )
+
+
+def scored(trials: Sequence[Rows], known: Sequence[int], tested: Sequence[int]):
+    """Score test of some columns beside others."""
+    columns = [Columns.of(trial, WHITE) for trial in trials]
+    own = [c.part(np.array(tested)) for c in columns]
+    lengths = sum((c.matrix**2).sum(axis=0) for c in own)
+    return Normal.of(tested, beside([c.part(np.array(known)) for c in columns], own)).test(lengths)
 
 
 @settings(deadline=None, max_examples=30)
 @given(st.integers(0, 10_000))
 def test_statistic_is_the_drop_of_the_sum_of_squares(seed):
     trials = [rows(seed), rows(seed + 1)]
-    columns = [Columns.of(trial, WHITE) for trial in trials]
-    normal = Normal.of("abcd", columns)
-    statistic, freedom, step = normal.given("ab").test("cd")
+    found = scored(trials, [0, 1], [2, 3])
 
     def least(names: str) -> float:
         blocks, r = [], []
@@ -47,17 +57,25 @@ def test_statistic_is_the_drop_of_the_sum_of_squares(seed):
         A, y = np.concatenate(blocks), np.concatenate(r)
         return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
 
-    assert statistic == pytest.approx(least("ab") - least("abcd"), rel=1e-6)
-    assert freedom == 2 and step.shape == (2,)
+    assert found.statistic == pytest.approx(least("ab") - least("abcd"), rel=1e-6)
+    assert found.freedom == 2 and found.step.shape == (2,)
 
 
 def test_a_column_that_others_span_tells_nothing():
     trial = rows(1)
     change = trial.change.copy()
     change[:, :, 3] = 2 * change[:, :, 0] - change[:, :, 1]
-    normal = Normal.of("abcd", [Columns.of(Rows(trial.signals, trial.r, change, trial.local), WHITE)])
-    statistic, freedom, _ = normal.given("ab").test("d", normal.A.diagonal()[3:])
-    assert (statistic, freedom) == (0.0, 0)
+    found = scored([replace(trial, change=change)], [0, 1], [3])
+    assert (found.statistic, found.freedom) == (0.0, 0)
+
+
+def test_numbers_that_are_too_far_apart_make_no_error_and_are_told(monkeypatch):
+    def fails(A):
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+
+    monkeypatch.setattr(score, "inverse_root", fails)
+    found = Normal(("a", "b"), np.eye(2), np.ones(2), 1.0, np.eye(2)).test(np.ones(2))
+    assert found.overflow and found.statistic == 0.0 and not found.step.any()
 
 
 def test_spread_is_that_of_the_noise_colour():
@@ -83,20 +101,19 @@ def test_coloured_noise_gives_no_larger_statistics_than_white():
     found = []
     for _ in range(draws):
         e = lfilter([1.0], [1, -0.8], rng.normal(size=n + 100))[100:]
-        row = Rows(("x",), e[None] * 0.6, smooth, np.zeros((1, n, 0)))
-        noise = fit_noise([row], [row.r], 1.0)
+        row = Rows(("x",), e[None] * 0.6, smooth, np.zeros((1, n, 0)), np.ones((1, n)))
+        noise = fit_noise([{"x": row.r[0]}], 1.0)
         normal = Normal.of("a", [Columns.of(row, noise)])
-        found.append(normal.test("a")[0])
+        found.append(normal.test(normal.A.diagonal()).statistic)
     assert np.mean(np.array(found) > 6.63) < 0.04  # 1 % of chi-squared, where white noise is assumed about 40 %
 
 
 def test_white_noise_is_left_white_and_colour_is_found():
     rng = np.random.default_rng(0)
-    white = Rows(("x", "v"), rng.normal(size=(2, 3000)), np.zeros((2, 3000, 0)), np.zeros((2, 3000, 0)))
-    assert fit_noise([white], [white.r], 1.0).coloured == ()
+    white = dict(zip("xv", rng.normal(size=(2, 3000)), strict=True))
+    assert fit_noise([white], 1.0).coloured == ()
     e = lfilter([1.0], [1, -0.7], rng.normal(size=3000))
-    mixed = Rows(("x", "v"), np.stack([white.r[0], e]), white.change, white.local)
-    noise = fit_noise([mixed], [mixed.r], 1.0)
+    noise = fit_noise([white | {"v": e}], 1.0)
     assert noise.coloured == ("v",)
     assert noise.coefficients["v"][0] == pytest.approx(0.7, abs=0.06)
     assert noise.level["v"] == pytest.approx(np.std(e), rel=0.05)
