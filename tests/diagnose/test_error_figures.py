@@ -22,7 +22,7 @@ def errors(noise):
     made = noise(simulate_recording(system, "lugre", TRUTH, TRIALS, 200.0), 0)
     mechanism = Mechanism(system, LAWS["lugre"]())
     bench = Bench(mechanism, mechanism, mechanism, made, made.select(()), loss="auto")
-    fit = bench.base()
+    fit = bench.base
     return compare(bench, [fit, fit], fit.levels(bench.problem.loss))[0]
 
 
@@ -45,7 +45,7 @@ def test_inputs_are_reported_as_the_model_needs_them_and_of_an_imposed_motion_on
     made = GaussianNoise(0.02)(simulate_recording(system, "coulomb_viscous", truth, trials, 200.0), 0)
     mechanism = Mechanism(system, LAWS["coulomb_viscous"]())
     bench = Bench(mechanism, mechanism, mechanism, made, made.select(()))
-    fit = bench.base()
+    fit = bench.base
     found = compare(bench, [fit, fit], fit.levels(bench.problem.loss))[0]
     assert [name for name, e in found.items() if "relative" in e] == [next(iter(found))] and len(found) > 1
     assert {name: e["unit"] for name, e in found.items()} == {n: system.signal_units[n] for n in found}

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from contending import option
+from test_diagnosis import diagnosed
 from test_possible import drive
 
 from frictionpinn.diagnose import points
 from frictionpinn.diagnose import scan as scanning
-from frictionpinn.diagnose.contest import _with_untested
 from frictionpinn.diagnose.scan import scan
 
 __all__ = ["drive"]
@@ -20,7 +17,7 @@ NAMES = "asymmetry", "drag", "inertia"
 
 def scanned(drive):
     bench, table = drive
-    return {t.candidate.name: t for t in scan(bench, bench.base(), [table[name] for name in NAMES], (), {}).tested}
+    return {t.candidate.name: t for t in scan(bench, bench.base, [table[name] for name in NAMES], (), {}).tested}
 
 
 def spoilt(work, value, column):
@@ -56,10 +53,11 @@ def test_eigenvalues_that_do_not_converge_make_no_error(drive, monkeypatch):
     assert all(t.untested for t in scanned(drive).values())
 
 
-def test_what_could_not_be_tested_is_refitted_before_what_has_hidden_parameters():
-    ripple, vibration, drag = option("ripple", 1), option("vibration", 2), option("drag", 3)
-    for tested in (ripple, vibration):
-        tested.candidate = replace(tested.candidate, hidden=("wavelength",))
-    asymmetry, delay = option("asymmetry", 4), option("delay", 5)
-    order = _with_untested([[ripple], [drag], [vibration]], [asymmetry, delay, drag])
-    assert [g[0].candidate.effect for g in order] == ["drag", "asymmetry", "delay", "ripple", "vibration"]
+def test_what_could_not_be_tested_is_refitted_where_it_has_a_single_parameter_and_may_win(monkeypatch):
+    monkeypatch.setattr(points, "_best_of", lambda place, c, shapes, *rest: points._untested(place, c, shapes[0]))
+    d = diagnosed(["constant_force"], {"constant_force": 0.3}, effects=["constant_force", "drag"])
+    assert d.verdict == "effect found"
+    assert [a.candidate.effect for a in d.accepted] == ["constant_force"]
+    assert np.isnan(d.accepted[0].evidence["log10_p"])
+    low, high = d.ci95["constant_force"]
+    assert low <= 0.3 <= high
