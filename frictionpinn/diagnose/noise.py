@@ -76,8 +76,9 @@ def fit_noise(residuals: Sequence[Mapping[str, np.ndarray]], freedom: float) -> 
 
 def _autoregression(gamma: np.ndarray, count: int) -> np.ndarray:
     """Coefficients from the autocovariances at lags 0, 1, ... of so many samples; none where the noise is white."""
-    # White noise of few samples shows correlations too: four standard errors.
-    if np.abs(gamma[1:]).max() < max(WHITE, 4 / np.sqrt(count)) * gamma[0]:
+    # A filter or a slow sensor shows from one sample to the next, by more than four standard errors; what was taken out
+    # of white noise leaves it a little negative.
+    if gamma[1] < max(WHITE, 4 / np.sqrt(count)) * gamma[0]:
         return np.zeros(0)
     best, least = np.zeros(0), count * np.log(gamma[0])
     for order in range(1, len(gamma)):

@@ -111,7 +111,8 @@ def select(
         if (asked or not before.white) and (width := _coarse(bench)):
             coarse = bench.refit(before, before.names, before.values, widths=[width])
             if coarse is not None:
-                seen, known = tested(coarse, selection.accepted).tested, {t.candidate.name for t, _, _ in asked}
+                seen = tested(coarse, selection.accepted).tested
+                known = {c.candidate.name for t, _, group in asked for c in (t, *group)}
                 heads = _heads(seen, banned, chance, settings)
                 asked += [(t, width, group) for t, group in heads if t.candidate.name not in known]
         if not asked:

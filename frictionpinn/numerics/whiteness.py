@@ -27,7 +27,7 @@ def whiteness(residuals: Mapping[str, Sequence[np.ndarray]], span: int) -> float
         span: samples over which the slowest may be correlated.
     """
     values = [value for own in residuals.values() for value in _of_signal(own, span)]
-    return min(1.0, len(values) * min(values, default=1.0))
+    return min(1.0, len(values) * min(values)) if values else 1.0
 
 
 def _of_signal(series: Sequence[np.ndarray], span: int) -> list[float]:

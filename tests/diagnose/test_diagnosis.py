@@ -76,7 +76,8 @@ def test_an_undeclared_constant_force_is_named_measured_and_proved():
     assert all(e["noise_from"].startswith("differences") for e in d.errors.values())
     assert found.evidence["gain_held_out"] > 0
     t, gained = evidence_so_far(d, 0)
-    assert gained[0] == 0 and gained[-1] == pytest.approx(found.evidence["gain_held_out"], rel=0.1)
+    assert gained[0] == 0 and gained[-1] > 0.8 * found.evidence["gain_held_out"]
+    assert d.gain_within_errors == pytest.approx(gained[-1], rel=0.1)
     assert (t[0], t[-1]) == (d.before.models[0].t[0], d.before.models[0].t[-1])
     assert f"trials that no fit saw {gained[-1]:+.0f}" in headline(d)
 

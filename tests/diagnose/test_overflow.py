@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from test_diagnosis import diagnosed
 from test_possible import drive
 
 from frictionpinn.diagnose import scan as scanning
@@ -71,3 +72,13 @@ def test_a_simulation_that_fails_at_some_shape_leaves_the_others(drive, monkeypa
 def test_numbers_that_are_too_far_apart_are_not_tested(drive, monkeypatch):
     monkeypatch.setattr(Normal, "test", lambda normal, lengths: Score(np.zeros(len(lengths)), overflow=True))
     assert all(t.untested for t in scanned(drive).values())
+
+
+def test_what_could_not_be_tested_is_refitted_where_it_has_a_single_parameter_and_may_win(monkeypatch):
+    monkeypatch.setattr(points, "_best_of", lambda place, c, shapes, *rest: points._untested(place, c, shapes[0]))
+    d = diagnosed(["constant_force"], {"constant_force": 0.3}, effects=["constant_force", "drag"])
+    assert d.verdict == "effect found"
+    assert [a.candidate.effect for a in d.accepted] == ["constant_force"]
+    assert np.isnan(d.accepted[0].evidence["log10_p"])
+    low, high = d.ci95["constant_force"]
+    assert low <= 0.3 <= high
