@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from frictionpinn.diagnose.evidence import check, surprise
 from test_diagnosis import recorded
 
 from frictionpinn.diagnose.bench import Bench
+from frictionpinn.diagnose.contenders import check, surprise
 from frictionpinn.diagnose.fit import Fit
 from frictionpinn.physics import LAWS
 from frictionpinn.physics.mechanism import Mechanism
@@ -43,12 +43,12 @@ def test_what_the_fitted_trials_leave_open_is_left_to_the_held_out_ones(bench):
     plain = check(bench, fit).state.cost
     wrong = off(fit, "sigma_2", 1.5, known=False)
     assert check(bench, wrong).state.cost > plain + 50
-    assert surprise(bench, wrong) < surprise(bench, fit) + 15  # the price of one unknown more
+    assert surprise(bench, wrong).moved < surprise(bench, fit).moved + 15  # the price of one unknown more
 
 
 def test_what_the_fitted_trials_tell_is_held_against_the_fit(bench):
     fit = bench.base
-    assert surprise(bench, off(fit, "sigma_2", 1.5, known=True)) > surprise(bench, fit) + 50
+    assert surprise(bench, off(fit, "sigma_2", 1.5, known=True)).moved > surprise(bench, fit).moved + 50
 
 
 def test_checking_a_fit_leaves_its_parameters_as_they_are(bench):

@@ -120,11 +120,8 @@ CASES: tuple[tuple[str, str, Mapping[str, float]], ...] = (
     ("sdob", "scale_x", {"scale_x": 0.06}),
 )
 CLEAN = ("damper", "drive", "pendulum", "pob", "sdob")
-BLUE = "the noise's colour is estimated too blue on short recordings: what remains counts as too significant"
 KNOWN = {  # what is answered wrong, and why
     "gain_error_force": "of effects that act the same way all stop in a minimum beside that of the truth",
-    "ripple_friction_sin": BLUE,
-    "sdob": BLUE,
 }
 
 

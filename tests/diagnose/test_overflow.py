@@ -75,7 +75,7 @@ def test_numbers_that_are_too_far_apart_are_not_tested(drive, monkeypatch):
 
 
 def test_what_could_not_be_tested_is_refitted_where_it_has_a_single_parameter_and_may_win(monkeypatch):
-    monkeypatch.setattr(points, "_best_of", lambda place, c, shapes, *rest: points._untested(place, c, shapes[0]))
+    monkeypatch.setattr(Normal, "test", lambda normal, lengths: Score(np.zeros(len(lengths)), overflow=True))
     d = diagnosed(["constant_force"], {"constant_force": 0.3}, effects=["constant_force", "drag"])
     assert d.verdict == "effect found"
     assert [a.candidate.effect for a in d.accepted] == ["constant_force"]
