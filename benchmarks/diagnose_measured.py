@@ -35,7 +35,7 @@ def row(preset: str, r: dict) -> list[str]:
     """Lines of one set."""
     entry = next((e for e in r["errors"].values() if "relative" in e), r["error"])
     if preset == "pendulum":
-        figures = [f"{1e3 * r['error'][key]:.2f} mrad" for key in ("before", "after", "noise_floor")]
+        figures = [f"{1e3 * r['errors']['theta'][key]:.2f} mrad" for key in ("before", "after", "noise_floor")]
     else:
         figures = [f"{100 * entry['relative'][key]:.2f} %" for key in ("before", "after", "noise_floor")]
     effects = ", ".join(e["name"] for e in r["effects"]) or "none"

@@ -169,15 +169,18 @@ def judged(
         best = min(near, key=lambda c: c.cost)
         level = [c for c in near if c.cost < best.cost + settings.tied]
         winner = min(level, key=lambda c: (c.tested.candidate.usual, min(c.fit.values[n] for n in c.tested.step) < 0))
+        groups = [{t.candidate.name for t in (head, *group)} for head, _, group in asked]
+        own = winner.tested.candidate.name
         alike = [
             c for c in near
             if c is not winner and c.cost < best.cost + settings.told_apart
-            and cosine(c.tested, winner.tested) > settings.same
+            and (cosine(c.tested, winner.tested) > settings.same
+                 or any({own, c.tested.candidate.name} <= group for group in groups))
         ]  # fmt: skip
         held: float | None = None
-        if reference is not None and (own := winner.surprise) is not None:
+        if reference is not None and (there := winner.surprise) is not None:
             # Either will do: a law with memory may be bent to the fitted trials, and what vanished is open to anything.
-            held = max(reference.as_fitted - own.as_fitted, reference.moved - own.moved)
+            held = max(reference.as_fitted - there.as_fitted, reference.moved - there.moved)
         if held is None or held >= settings.gain:
             names = {c.tested.candidate.name for c in (winner, *alike)}
             refused += [

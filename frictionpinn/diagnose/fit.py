@@ -23,7 +23,7 @@ from ..physics.mechanism import Mechanism
 from .noise import outliers
 
 LOUDER = 2.5  # times the noise that differences show, where the model cannot be simulated with that
-OUTLIERS = 0.1  # share of lone residuals in the sum of squares: noise levels told without them differ by 5 %
+OUTLIERS = 0.2  # share of lone residuals in the sum of squares: noise levels told without them differ by a tenth
 
 
 @dataclass(frozen=True)

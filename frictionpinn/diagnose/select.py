@@ -112,7 +112,7 @@ def select(
             coarse = bench.refit(before, before.names, before.values, widths=[width])
             if coarse is not None:
                 seen = tested(coarse, selection.accepted).tested
-                known = {c.candidate.name for t, _, group in asked for c in (t, *group)}
+                known = {t.candidate.name for t, _, _ in asked}
                 heads = _heads(seen, banned, chance, settings)
                 asked += [(t, width, group) for t, group in heads if t.candidate.name not in known]
         if not asked:
