@@ -157,9 +157,9 @@ def judged(
             left.append(c)
     while left:
         near = [c for c in left if c.fit.cost < left[0].fit.cost + settings.told_apart]
-        name, names = near[0].tested.candidate.name, {c.tested.candidate.name for c in near}
-        twins = [t for head, _, group in asked if head.candidate.name == name for t in group]
-        near += _twins(bench, before, near[0], [t for t in twins if t.candidate.name not in names], settings)
+        names = {c.tested.candidate.name for c in near}
+        twins = {t.candidate.name: t for head, _, group in asked if head.candidate.name in names for t in group}
+        near += _twins(bench, before, near[0], [t for name, t in twins.items() if name not in names], settings)
         told = _surprises(bench, [c.fit for c in near])
         near = [replace(c, surprise=s) for c, s in zip(near, told, strict=True)]
         if reference is not None and (failed := [c for c in near if c.surprise is None]):
