@@ -158,10 +158,11 @@ def judged(
     while left:
         near = [c for c in left if c.fit.cost < left[0].fit.cost + settings.told_apart]
         names = {c.tested.candidate.name for c in near}
-        twins = {t.candidate.name: t for head, _, group in asked if head.candidate.name in names for t in group}
+        classes = [{t.candidate.name: t for t in (head, *group)} for head, _, group in asked]
+        twins = {name: t for members in classes if members.keys() & names for name, t in members.items()}
         near += _twins(bench, before, near[0], [t for name, t in twins.items() if name not in names], settings)
-        told = _surprises(bench, [c.fit for c in near])
-        near = [replace(c, surprise=s) for c, s in zip(near, told, strict=True)]
+        evidence = _surprises(bench, [c.fit for c in near])
+        near = [replace(c, surprise=s) for c, s in zip(near, evidence, strict=True)]
         if reference is not None and (failed := [c for c in near if c.surprise is None]):
             refused += [Refused(c.tested.candidate, "held-out trials cannot be simulated with it") for c in failed]
             left = [c for c in left if all(c.tested is not f.tested for f in failed)]
@@ -169,13 +170,12 @@ def judged(
         best = min(near, key=lambda c: c.cost)
         level = [c for c in near if c.cost < best.cost + settings.tied]
         winner = min(level, key=lambda c: (c.tested.candidate.usual, min(c.fit.values[n] for n in c.tested.step) < 0))
-        groups = [{t.candidate.name for t in (head, *group)} for head, _, group in asked]
         own = winner.tested.candidate.name
         alike = [
             c for c in near
             if c is not winner and c.cost < best.cost + settings.told_apart
             and (cosine(c.tested, winner.tested) > settings.same
-                 or any({own, c.tested.candidate.name} <= group for group in groups))
+                 or any({own, c.tested.candidate.name} <= members.keys() for members in classes))
         ]  # fmt: skip
         held: float | None = None
         if reference is not None and (there := winner.surprise) is not None:
