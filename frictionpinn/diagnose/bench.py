@@ -91,6 +91,11 @@ class Bench:
             return None
         return Problem(self.mechanism, self.held_out, **(self.options | {"sigmas": self.estimate.sigmas}))
 
+    @property
+    def from_coarse(self) -> list[float]:
+        """A quarter of the coarsest resolution at which a fit begins, s, then the sample; only that without any."""
+        return [*self.widths[min(2, len(self.widths) - 1) : -1][:1], 0.0]
+
     # simulators ----------------------------------------------------------------------------------------------
     def part(self, names: Iterable[str], values: Mapping[str, float]) -> Simulator:
         """The declared mechanism with only the effects that these free parameters, or the others' values, switch on:

@@ -19,6 +19,8 @@ from .candidates import Candidate, impossible
 from .fit import Fit
 from .scan import Tested
 
+TESTED = 50  # about as many candidates are tested: the chance is that of all of them together
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -83,7 +85,7 @@ def refitted(
 
     def refit(k: int) -> Fit | None:
         tested, width, _ = asked[k]
-        return add(bench, before, tested, [width, 0.0] if width else [0.0])
+        return add(bench, before, tested, bench.from_coarse if width else [0.0])
 
     made = in_parallel(refit, [1.0] * len(asked))
     found = sorted(
@@ -155,17 +157,19 @@ def judged(
             refused.append(Refused(c.tested.candidate, why))
         else:
             left.append(c)
-    while left:
+    classes = [{t.candidate.name: t for t in (head, *group)} for head, _, group in asked]
+    out: set[str] = set()  # what the held-out trials refused
+    while left := [c for c in left if c.tested.candidate.name not in out]:
         near = [c for c in left if c.fit.cost < left[0].fit.cost + settings.told_apart]
-        names = {c.tested.candidate.name for c in near}
-        classes = [{t.candidate.name: t for t in (head, *group)} for head, _, group in asked]
-        twins = {name: t for members in classes if members.keys() & names for name, t in members.items()}
+        names = {c.tested.candidate.name for c in near} | out
+        # Of what was tested twice the test at the sample, which comes first, is taken.
+        twins = {n: t for members in reversed(classes) if members.keys() & names - out for n, t in members.items()}
         near += _twins(bench, before, near[0], [t for name, t in twins.items() if name not in names], settings)
         evidence = _surprises(bench, [c.fit for c in near])
         near = [replace(c, surprise=s) for c, s in zip(near, evidence, strict=True)]
-        if reference is not None and (failed := [c for c in near if c.surprise is None]):
-            refused += [Refused(c.tested.candidate, "held-out trials cannot be simulated with it") for c in failed]
-            left = [c for c in left if all(c.tested is not f.tested for f in failed)]
+        if reference is not None and (failed := [c.tested.candidate for c in near if c.surprise is None]):
+            refused += [Refused(candidate, "held-out trials cannot be simulated with it") for candidate in failed]
+            out |= {candidate.name for candidate in failed}
             continue
         best = min(near, key=lambda c: c.cost)
         level = [c for c in near if c.cost < best.cost + settings.tied]
@@ -192,8 +196,7 @@ def judged(
             Refused(c.tested.candidate, f"held-out trials do not improve ({held:+.1f} in log-likelihood)")
             for c in (winner, *alike)
         ]  # fmt: skip
-        gone = {c.tested.candidate.name for c in (winner, *alike)}
-        left = [c for c in left if c.tested.candidate.name not in gone]
+        out |= {c.tested.candidate.name for c in (winner, *alike)}
     return None, [], refused
 
 
@@ -211,7 +214,8 @@ def _twins(bench: Bench, before: Fit, head: Contender, twins: Sequence[Tested], 
         if len(own.step) == len(head.tested.step) == 1:
             ((name, step),), ((other, unit),) = own.step.items(), head.tested.step.items()
             values[name] = head.fit.values[other] * step / unit if unit else step
-        return bench.refit(head.fit, names, bench.clip(values), limits=reach(own))
+        # All parameters may have to move far for the same motion, past minima that only the sample shows.
+        return bench.refit(head.fit, names, bench.clip(values), limits=reach(own), widths=bench.from_coarse)
 
     made = in_parallel(refit, [1.0] * len(twins))
     return [
@@ -229,7 +233,7 @@ def cosine(one: Tested, other: Tested) -> float:
 def needed(tested: Tested, settings: Settings) -> float:
     """Log-likelihood that a candidate must gain, refitted."""
     freedom = max(tested.freedom, 1)
-    return float(chi2.isf(10.0**settings.log_p / 50, freedom)) / 2
+    return float(chi2.isf(10.0**settings.log_p / TESTED, freedom)) / 2
 
 
 def check(bench: Bench, fit: Fit) -> Fit | None:

@@ -108,7 +108,7 @@ def select(
     while len(selection.accepted) < settings.most:
         before = selection.fit
         asked = [(t, 0.0, group) for t, group in _heads(selection.last.tested, banned, chance, settings)]
-        if (asked or not before.white) and (width := _coarse(bench)):
+        if (asked or not before.white) and (width := bench.from_coarse[0]):
             coarse = bench.refit(before, before.names, before.values, widths=[width])
             if coarse is not None:
                 seen = tested(coarse, selection.accepted).tested
@@ -134,11 +134,6 @@ def select(
             selection.fits[selection.accepted[-1].candidate.name] = selection.fit
         log.info(f"  added so far: {', '.join(a.candidate.name for a in selection.accepted) or 'nothing'}")
     return selection
-
-
-def _coarse(bench: Bench) -> float:
-    """Resolution of the second score tests, s: a quarter of the coarsest at which a fit begins; 0 without any."""
-    return bench.widths[min(2, len(bench.widths) - 1)]
 
 
 def _heads(
