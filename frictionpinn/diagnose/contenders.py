@@ -214,8 +214,12 @@ def _twins(bench: Bench, before: Fit, head: Contender, twins: Sequence[Tested], 
         if len(own.step) == len(head.tested.step) == 1:
             ((name, step),), ((other, unit),) = own.step.items(), head.tested.step.items()
             values[name] = head.fit.values[other] * step / unit if unit else step
-        # All parameters may have to move far for the same motion, past minima that only the sample shows.
-        return bench.refit(head.fit, names, bench.clip(values), limits=reach(own), widths=bench.from_coarse)
+        made = []
+        for widths in ([0.0], bench.from_coarse):
+            made.append(bench.refit(head.fit, names, bench.clip(values), limits=reach(own), widths=widths))
+            if made[0] is not None and made[0].cost < head.fit.cost + settings.tied:
+                break  # else all must move far for the same motion, past minima that only the sample shows
+        return min((f for f in made if f is not None), key=lambda f: f.cost, default=None)
 
     made = in_parallel(refit, [1.0] * len(twins))
     return [
