@@ -79,17 +79,30 @@ def refitted(
 ) -> list[Contender]:
     """The candidates' fits, the best first.
 
-    Each goes from the resolution at which it was tested to the sample. Where that leaves more than noise, the best
-    are begun anew over short windows; and the others from where the best of these ended.
+    Each goes from the resolution at which it was tested to the sample. Where one gains less than half of what its score
+    test promised, nothing is as near to linear as that test has it: those that it did not tell from it are refitted as
+    well. Where the best leave more than noise they are begun anew over short windows; and the others from where the
+    best of these ended.
     """
 
-    def refit(k: int) -> Fit | None:
-        tested, width, _ = asked[k]
-        return add(bench, before, tested, bench.from_coarse if width else [0.0])
+    def refits(asked: Sequence[tuple[Tested, float]]) -> list[Fit | None]:
+        def refit(k: int) -> Fit | None:
+            tested, width = asked[k]
+            return add(bench, before, tested, bench.from_coarse if width else [0.0])
 
-    made = in_parallel(refit, [1.0] * len(asked))
+        return in_parallel(refit, [1.0] * len(asked))
+
+    heads = [(tested, width) for tested, width, _ in asked]
+    made, names = refits(heads), {tested.candidate.name for tested, _ in heads}
+    beside = {
+        t.candidate.name: (t, width)
+        for (head, width, group), fit in zip(asked, made, strict=True)
+        if fit is None or before.state.cost - fit.state.cost < 0.5 * head.statistic / 2
+        for t in group if t.candidate.name not in names
+    }  # fmt: skip
+    made += refits(list(beside.values()))
     found = sorted(
-        (Contender(tested, fit) for (tested, _, _), fit in zip(asked, made, strict=True) if fit is not None),
+        (Contender(t, fit) for (t, _), fit in zip([*heads, *beside.values()], made, strict=True) if fit is not None),
         key=lambda c: c.fit.cost,
     )
     rugged = [c for c in found[: settings.followed] if not c.fit.white and c.fit.cost < before.cost]

@@ -114,17 +114,17 @@ def fit_declared(
     auto = options.get("loss", "auto") == "auto"
     options = {**options, "loss": "gaussian" if auto else options["loss"]}
     problem = Problem(mechanism, fitted, **options)
-    estimate = maximum_likelihood(problem, start=start)
+    estimate = maximum_likelihood(problem, start=start, profiles=False)
     if estimate.outcome == FAILED and not options.get("sigmas"):
         # Coloured noise differs little from sample to sample: it is larger than it seems, and paths that follow it
         # lose contact.
         louder = {name: LOUDER * sigma for name, sigma in problem.sigmas.items()}
         problem = Problem(mechanism, fitted, **(options | {"sigmas": louder})).varied(sigmas={})
-        estimate = maximum_likelihood(problem, start=start)
+        estimate = maximum_likelihood(problem, start=start, profiles=False)
     if auto and estimate.outcome != FAILED and outliers(estimate.residuals) > OUTLIERS:
         options["loss"] = "robust" if mechanism.law.memory else "auto"
         problem = Problem(mechanism, fitted, **options)
-        estimate = maximum_likelihood(problem, start=start)
+        estimate = maximum_likelihood(problem, start=start, profiles=False)
     if estimate.outcome == FAILED:
         raise UserError("the declared model cannot be fitted", where="system, friction", received=mechanism.name,
                         fix="; ".join(estimate.advice))  # fmt: skip

@@ -51,6 +51,7 @@ def maximum_likelihood(
     known: Found | None = None,
     starts: Sequence[Solution] = (),
     thorough: bool = True,
+    profiles: bool = True,
     **options: Any,
 ) -> Estimate:
     """Estimate the free parameters by maximum likelihood on simulated trajectories.
@@ -66,6 +67,7 @@ def maximum_likelihood(
             of its trials.
         starts: what a search over short windows found before (``minimum.starts`` of an estimate), best first.
         thorough: look for others around the minimum that was found.
+        profiles: follow the likelihood's profile where a parameter is told poorly; else its curvature tells.
         options: see :class:`Problem`.
 
     Returns:
@@ -120,7 +122,7 @@ def maximum_likelihood(
     white = whiteness(rows, round(problem.resolutions[0] / problem.interval)) > SIGNIFICANCE
     minimum = Minimum(solution.state, tuple(models), solution.reason, tuple(minima), starts)
     spent = time.perf_counter() - began, problem.simulations - before
-    return finish(problem, minimum, sigmas, *spent, beside=beside, white=white)
+    return finish(problem, minimum, sigmas, *spent, beside=beside, profiles=profiles, white=white)
 
 
 def _whole(

@@ -54,6 +54,19 @@ class State:
         """Whether it was computed with derivatives."""
         return all(len(piece.gg) for piece in self.pieces)
 
+    @property
+    def unit(self) -> float:
+        """Difference in cost that is 1 in log-likelihood: more where residuals exceed the noise, or keep their sign.
+
+        With their mean square s and the correlation rho of neighbours, which keep their sign for pi / acos(rho) samples
+        (Rice, Bell Syst. Tech. J. 24, 1945), white noise for 2: s (pi / 2) / acos(rho).
+        """
+        count, squares, products = np.sum([piece.rows for piece in self.pieces], axis=0)
+        if squares == 0:
+            return 1.0
+        rho = min(max(products / squares, 0.0), 1 - 1 / count)
+        return float(max(squares / count * (np.pi / 2) / np.arccos(rho), 1.0))
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -165,7 +178,8 @@ def levenberg_marquardt(
 
     A trial step for which the model cannot be simulated is rejected like one that raises the cost. Steps end at the
     bounds: each minimises the quadratic model within them. The search ends where the undamped model promises less than
-    ``decrease`` (in units of the log-likelihood), where two steps in a row gain hardly more, or after ``iterations``.
+    ``decrease`` (in units of the log-likelihood, see :attr:`State.unit`), where two steps in a row gain
+    hardly more, or after ``iterations``.
 
     Args:
         evaluate: the cost, see :meth:`frictionpinn.identify.Problem.evaluator`.
@@ -178,8 +192,9 @@ def levenberg_marquardt(
     state, damping, growth, small = start, 1e-3, 2.0, 0
     trust = False  # the last step came out as predicted: the next is taken with derivatives at once
     for _ in range(iterations):
+        worth = decrease * state.unit
         full = _step(state, 0.0, limits)
-        if full is not None and abs(full[2]) < decrease:
+        if full is not None and abs(full[2]) < worth:
             return Solution(state, "converged")
         rejected = 0
         while True:
@@ -200,7 +215,7 @@ def levenberg_marquardt(
             rejected += 1
             if damping > STUCK or rejected > MOST_REJECTED:
                 return Solution(state, "stuck")
-        small = small + 1 if gain < max(1e-10 * state.cost, SMALL * decrease) else 0
+        small = small + 1 if gain < SMALL * worth else 0
         found = better if known else evaluate(better.u, better.locals, True, ran=better)
         if found is None:
             return Solution(replace(better, pieces=state.pieces), "stuck")

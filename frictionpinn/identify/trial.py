@@ -31,6 +31,8 @@ class Piece:
         grad_g, grad_l: gradient, (n_g,), (n_l,); empty without derivatives.
         run: the simulation, where it was asked to be ``strict``: derivatives can be added to it.
         steps: that the integrator took for it.
+        rows: with derivatives, number of residuals of the outputs at their resolution, in units of their noise the sum
+            of their squares, and of the products of neighbours.
     """
 
     cost: float
@@ -42,6 +44,7 @@ class Piece:
     grad_l: np.ndarray = field(default_factory=lambda: np.zeros(0))
     run: Simulation | None = field(default=None, repr=False)
     steps: int = 0
+    rows: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -220,6 +223,8 @@ class TrialModel:
             if half:
                 J, measured = averaged(J, measured, half), np.ones_like(r)
             weight = measured * loss.weight(r) / scale[:, None] ** 2
+            seen = r * scale[:, None] * np.sqrt(weight)
+            rows = measured.sum(), (seen**2).sum(), (seen[:, 1:] * seen[:, :-1]).sum()
             H, gradient = gram(J.reshape(-1, n_g + n_l), (r * scale[:, None]).reshape(-1), weight.reshape(-1))
             ll, grad_l = H[n_g:, n_g:].copy(), gradient[n_g:].copy()
         if "z" in self.states:  # held within what friction can be: where the body slides no signal sees it
@@ -240,15 +245,16 @@ class TrialModel:
             if names:
                 own = slice(first, first + item.basis.size)
                 weight = np.where(np.isnan(item.y), 0.0, loss.weight(r_in) / levels[:, None] ** 2)
-                rows = design.reshape(-1, item.basis.size)
-                H_in, g_in = gram(rows, (r_in * levels[:, None]).reshape(-1), weight.reshape(-1))
+                flat = design.reshape(-1, item.basis.size)
+                H_in, g_in = gram(flat, (r_in * levels[:, None]).reshape(-1), weight.reshape(-1))
                 ll[own, own] += H_in
                 grad_l[own] += g_in
                 first = own.stop
         if not names:
             return Piece(cost, residuals, run=run if options.get("strict") else None, steps=steps)
         ll[np.diag_indices(n_l)] += RELATIVE_FLOOR * (ll.diagonal().max() if n_l else 0.0)
-        return Piece(cost, residuals, H[:n_g, :n_g], H[:n_g, n_g:], ll, gradient[:n_g], grad_l, steps=steps)
+        parts = H[:n_g, :n_g], H[:n_g, n_g:], ll, gradient[:n_g], grad_l
+        return Piece(cost, residuals, *parts, steps=steps, rows=rows)
 
 
 def _filled(r: np.ndarray) -> np.ndarray:
