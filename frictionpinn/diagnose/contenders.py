@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -80,9 +80,9 @@ def refitted(
     """The candidates' fits, the best first.
 
     Each goes from the resolution at which it was tested to the sample. Where one gains less than half of what its score
-    test promised, nothing is as near to linear as that test has it: those that it did not tell from it are refitted as
-    well. Where the best leave more than noise they are begun anew over short windows; and the others from where the
-    best of these ended.
+    test promised, nothing is as near to linear as that test has it: it is refitted from the coarse resolution as well,
+    and so are those that the test did not tell from it. Where the best leave more than noise they are begun anew over
+    short windows; and the others from where the best of these ended.
     """
 
     def refits(asked: Sequence[tuple[Tested, float]]) -> list[Fit | None]:
@@ -92,19 +92,16 @@ def refitted(
 
         return in_parallel(refit, [1.0] * len(asked))
 
-    heads = [(tested, width) for tested, width, _ in asked]
-    made, names = refits(heads), {tested.candidate.name for tested, _ in heads}
-    beside = {
-        t.candidate.name: (t, width)
-        for (head, width, group), fit in zip(asked, made, strict=True)
-        if fit is None or before.state.cost - fit.state.cost < 0.5 * head.statistic / 2
-        for t in group if t.candidate.name not in names
-    }  # fmt: skip
-    made += refits(list(beside.values()))
-    found = sorted(
-        (Contender(t, fit) for (t, _), fit in zip([*heads, *beside.values()], made, strict=True) if fit is not None),
-        key=lambda c: c.fit.cost,
-    )
+    tries = [(tested, width) for tested, width, _ in asked]
+    made, names = refits(tries), {tested.candidate.name for tested, _ in tries}
+    again: dict[str, tuple[Tested, float]] = {}
+    for (head, width, group), fit in zip(asked, made, strict=True):
+        if fit is None or before.state.cost - fit.state.cost < 0.5 * head.statistic / 2:
+            again |= {head.candidate.name: (head, bench.from_coarse[0])} if width < bench.from_coarse[0] else {}
+            again |= {t.candidate.name: (t, width) for t in group if t.candidate.name not in names}
+    tries += again.values()
+    made += refits(list(again.values()))
+    found = _lowest(Contender(t, fit) for (t, _), fit in zip(tries, made, strict=True) if fit is not None)
     rugged = [c for c in found[: settings.followed] if not c.fit.white and c.fit.cost < before.cost]
     anew = in_parallel(lambda k: bench.anew(rugged[k].fit, reach(rugged[k].tested)), [1.0] * len(rugged))
     lower = [Contender(c.tested, f) for c, f in zip(rugged, anew, strict=True) if f and f.state.cost < c.fit.state.cost]
@@ -113,11 +110,15 @@ def refitted(
     best = min(lower, key=lambda c: c.fit.cost)
     others = [c for c in found if c.tested is not best.tested]
     moved = in_parallel(lambda k: _moved(bench, others[k], best), [1.0] * len(others))
-    every: dict[str, Contender] = {}
-    for c in [*found, *lower, *(replace(c, fit=f) for c, f in zip(others, moved, strict=True) if f)]:
-        known = every.get(c.tested.candidate.name)
-        every[c.tested.candidate.name] = c if known is None or c.fit.cost < known.fit.cost else known
-    return sorted(every.values(), key=lambda c: c.fit.cost)
+    return _lowest([*found, *lower, *(replace(c, fit=f) for c, f in zip(others, moved, strict=True) if f)])
+
+
+def _lowest(found: Iterable[Contender]) -> list[Contender]:
+    """The best fit of each candidate, the best first."""
+    best: dict[str, Contender] = {}
+    for c in sorted(found, key=lambda c: c.fit.cost):
+        best.setdefault(c.tested.candidate.name, c)
+    return list(best.values())
 
 
 def _moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:

@@ -105,14 +105,15 @@ def fit_declared(
         mechanism: as declared.
         fitted: trials to fit.
         start: start values of parameters, SI units.
-        options: of :class:`Problem`; its loss "auto" is robust where lone residuals make much of the sum of squares:
-            outliers, or the jumps of a law without memory.
+        options: of :class:`Problem`; its loss "auto" is robust, too, where lone residuals make much of the sum of
+            squares: outliers.
 
     Raises:
         UserError: the declared model cannot be fitted.
     """
     auto = options.get("loss", "auto") == "auto"
-    options = {**options, "loss": "gaussian" if auto else options["loss"]}
+    # Where the motion is imposed, it is measured where a force without memory jumps.
+    options = {**options, "loss": ("gaussian" if mechanism.system.massless else "auto") if auto else options["loss"]}
     problem = Problem(mechanism, fitted, **options)
     estimate = maximum_likelihood(problem, start=start, profiles=False)
     if estimate.outcome == FAILED and not options.get("sigmas"):
@@ -121,7 +122,7 @@ def fit_declared(
         louder = {name: LOUDER * sigma for name, sigma in problem.sigmas.items()}
         problem = Problem(mechanism, fitted, **(options | {"sigmas": louder})).varied(sigmas={})
         estimate = maximum_likelihood(problem, start=start, profiles=False)
-    if auto and estimate.outcome != FAILED and outliers(estimate.residuals) > OUTLIERS:
+    if auto and not problem.loss.robust and estimate.outcome != FAILED and outliers(estimate.residuals) > OUTLIERS:
         options["loss"] = "robust" if mechanism.law.memory else "auto"
         problem = Problem(mechanism, fitted, **options)
         estimate = maximum_likelihood(problem, start=start, profiles=False)

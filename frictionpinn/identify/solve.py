@@ -19,6 +19,7 @@ from .trial import Piece
 
 LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
 FAINT = 0.01  # added to the curvature in log u: that of an unknown told to ten powers of e, which tells nothing
+NEAR = 1e-3  # damping of a search that is to stay in its minimum
 STUCK, MOST_REJECTED = 1e12, 5  # damping beyond which no step will help; rejected steps in a row
 TRUSTED = 0.75, 1.5  # decrease over that predicted
 SMALL = 5.0  # times the decrease asked for: two steps in a row that gain less end the search (the cost has kinks)
@@ -171,25 +172,41 @@ def _step(state: State, damping: float, limits: Limits) -> tuple[np.ndarray, lis
     return du, dl, decrease
 
 
+def _weakest(state: State) -> float:
+    """Least share of its information, over all directions of u, that the trials' own unknowns leave: damping far below
+    that is none."""
+    S = reduced(state)[0]
+    scale = 1 / np.sqrt(np.maximum(sum(piece.gg for piece in state.pieces).diagonal(), FAINT))
+    return max(float(np.linalg.eigvalsh((S + FAINT * np.eye(len(S))) * scale[:, None] * scale)[0]), 1e-9)
+
+
 def levenberg_marquardt(
-    evaluate: Evaluate, start: State, limits: Limits, *, iterations: int = 60, decrease: float = 3e-3
+    evaluate: Evaluate,
+    start: State,
+    limits: Limits,
+    *,
+    iterations: int = 60,
+    decrease: float = 3e-3,
+    damping: float = NEAR,
 ) -> Solution:
     """Minimise the cost within bounds on the global unknowns.
 
     A trial step for which the model cannot be simulated is rejected like one that raises the cost. Steps end at the
     bounds: each minimises the quadratic model within them. The search ends where the undamped model promises less than
-    ``decrease`` (in units of the log-likelihood, see :attr:`State.unit`), where two steps in a row gain
-    hardly more, or after ``iterations``.
+    ``decrease`` (in units of the log-likelihood, see :attr:`State.unit`), where two steps in a row gain hardly more, or
+    after ``iterations``. Damping that grows from nothing begins where it matters to what is told worst.
 
     Args:
         evaluate: the cost, see :meth:`frictionpinn.identify.Problem.evaluator`.
         start: with derivatives.
         limits: bounds of u.
         iterations, decrease: steps at most, and what is worth one.
+        damping: of the first step. Without any it goes far, as a search for more than the nearest minimum should;
+            little holds fast what differs little from all else (drag beside viscous friction).
 
     Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05 (1999), for the damping.
     """
-    state, damping, growth, small = start, 1e-3, 2.0, 0
+    state, growth, small = start, 2.0, 0
     trust = False  # the last step came out as predicted: the next is taken with derivatives at once
     for _ in range(iterations):
         worth = decrease * state.unit
@@ -211,7 +228,7 @@ def levenberg_marquardt(
                 trust = TRUSTED[0] < ratio < TRUSTED[1]
                 break
             trust = False
-            damping, growth = max(damping, 1e-9) * growth, growth * 2
+            damping, growth = max(damping * growth, _weakest(state)), growth * 2
             rejected += 1
             if damping > STUCK or rejected > MOST_REJECTED:
                 return Solution(state, "stuck")
@@ -236,7 +253,8 @@ def coarse_to_fine(evaluate: Evaluate, first: State, limits: Limits, widths: Seq
     for width in widths:
         at = partial(evaluate, width=width)
         begun = at(state.u, state.locals, True)
-        found = None if begun is None else levenberg_marquardt(at, begun, limits, **(ROUGHLY if width else CLOSELY))
+        how = {"damping": NEAR if found else 0.0} | (ROUGHLY if width else CLOSELY)
+        found = None if begun is None else levenberg_marquardt(at, begun, limits, **how)
         state = state if found is None else found.state
     return found
 
