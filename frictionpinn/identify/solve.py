@@ -176,7 +176,7 @@ def _weakest(state: State) -> float:
     """Least share of its information, over all directions of u, that the trials' own unknowns leave: damping far below
     that is none."""
     S = reduced(state)[0]
-    scale = 1 / np.sqrt(np.maximum(sum(piece.gg for piece in state.pieces).diagonal(), FAINT))
+    scale = 1 / np.sqrt(np.maximum(np.sum([piece.gg.diagonal() for piece in state.pieces], axis=0), FAINT))
     return max(float(np.linalg.eigvalsh((S + FAINT * np.eye(len(S))) * scale[:, None] * scale)[0]), 1e-9)
 
 
