@@ -31,6 +31,7 @@ class Settings:
             recording in 10,000 that lacks nothing is said to.
         most: effects that are added at most, a budget.
         refits: candidates that are refitted after each kind of score test, a budget.
+        promise: share of the gain that a score test promises, below which a refit shows that it is not linear there.
         followed: the best of these that are searched for other minima, a budget.
         told_apart: evidence, in log-likelihood, from which one model is better than another for certain: 400 to 1.
         tied: evidence below which the more usual effect stands first: less than 3 to 1.
@@ -43,6 +44,7 @@ class Settings:
     log_p: float = -4.0
     most: int = 4
     refits: int = 5
+    promise: float = 0.5
     followed: int = 2
     told_apart: float = 6.0
     tied: float = 1.0
@@ -79,8 +81,8 @@ def refitted(
 ) -> list[Contender]:
     """The candidates' fits, the best first.
 
-    Each goes from the resolution at which it was tested to the sample. Where one gains less than half of what its score
-    test promised, nothing is as near to linear as that test has it: it is refitted from the coarse resolution as well,
+    Each goes from the resolution at which it was tested to the sample. Where one gains much less than its score test
+    promised, nothing is as near to linear as that test has it: it is refitted from the coarse resolution as well,
     and so are those that the test did not tell from it. Where the best leave more than noise they are begun anew over
     short windows; and the others from where the best of these ended.
     """
@@ -96,7 +98,7 @@ def refitted(
     made, names = refits(tries), {tested.candidate.name for tested, _ in tries}
     again: dict[str, tuple[Tested, float]] = {}
     for (head, width, group), fit in zip(asked, made, strict=True):
-        if fit is None or before.state.cost - fit.state.cost < 0.5 * head.statistic / 2:
+        if fit is None or before.state.cost - fit.state.cost < settings.promise * head.statistic / 2:
             again |= {head.candidate.name: (head, bench.from_coarse[0])} if width < bench.from_coarse[0] else {}
             again |= {t.candidate.name: (t, width) for t in group if t.candidate.name not in names}
     tries += again.values()

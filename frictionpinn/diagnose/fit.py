@@ -112,8 +112,9 @@ def fit_declared(
         UserError: the declared model cannot be fitted.
     """
     auto = options.get("loss", "auto") == "auto"
-    # Where the motion is imposed, it is measured where a force without memory jumps.
-    options = {**options, "loss": ("gaussian" if mechanism.system.massless else "auto") if auto else options["loss"]}
+    options = dict(options)
+    if auto:  # where the motion is imposed, it is measured where a force without memory jumps
+        options["loss"] = "gaussian" if mechanism.system.massless else "auto"
     problem = Problem(mechanism, fitted, **options)
     estimate = maximum_likelihood(problem, start=start, profiles=False)
     if estimate.outcome == FAILED and not options.get("sigmas"):

@@ -11,7 +11,8 @@ from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem, bound, maximum_likelihood
 from frictionpinn.identify.bound import bound_of
-from frictionpinn.identify.solve import State, coarse_to_fine, levenberg_marquardt
+from frictionpinn.identify.solve import NEAR, State, coarse_to_fine, levenberg_marquardt
+from frictionpinn.identify.trial import Piece
 from frictionpinn.numerics.resolution import averaged, samples_within
 from frictionpinn.numerics.whiteness import SIGNIFICANCE, whiteness
 from frictionpinn.physics import LAWS, SYSTEMS
@@ -136,3 +137,34 @@ def test_a_model_that_lacks_an_effect_never_says_converged():
     estimate = maximum_likelihood(Mechanism(SYSTEM, LAWS["lugre"]()), GaussianNoise(0.02)(made, 0))
     assert estimate.outcome != "converged"
     assert any("lacks something" in sentence for sentence in estimate.advice)
+
+
+def test_a_gain_counts_less_where_residuals_exceed_the_noise_or_keep_their_sign():
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal(20_000)
+    slow = np.repeat(white[:200], 100)
+
+    def unit(r: np.ndarray) -> float:
+        rows = (float(len(r)), float(r @ r), float(r[1:] @ r[:-1]))
+        return State(np.zeros(1), (), (Piece(0.0, {}, rows=rows),)).unit
+
+    assert unit(white) == pytest.approx(1.0, abs=0.05)
+    assert unit(3 * white) == pytest.approx(9.0, rel=0.05)
+    assert unit(slow) > 5 * unit(white)
+
+
+def test_an_undamped_first_step_moves_what_a_trials_own_unknown_nearly_stands_for():
+    # One parameter, one unknown of the trial, told apart by a hundred-thousandth of the information.
+    beside, size = np.sqrt(1 - 1e-5), 1e8
+    H, least = size * np.array([[1.0, beside], [beside, 1.0]]), np.array([0.5, -0.5])
+
+    def evaluate(u, locals_, derivatives, **_):
+        d = np.array([u[0], locals_[0][0]]) - least
+        g = H @ d
+        piece = Piece(0.5 * float(d @ g), {}, H[:1, :1], H[:1, 1:], H[1:, 1:], g[:1], g[1:], rows=(1.0, 1.0, 0.0))
+        return State(np.asarray(u), tuple(locals_), (piece,))
+
+    start, limits = evaluate(np.zeros(1), [np.zeros(1)], True), (np.array([-9.0]), np.array([9.0]))
+    far, near = (levenberg_marquardt(evaluate, start, limits, iterations=1, damping=d) for d in (0.0, NEAR))
+    assert far.state.u[0] == pytest.approx(0.5, abs=1e-3)
+    assert abs(near.state.u[0]) < 0.05

@@ -300,3 +300,10 @@ def test_gradients_are_finite_at_the_limits_of_every_parameter_that_has_some(law
             if 0 < limit < math.inf:
                 p = [limit if i == index else value for i, value in enumerate(typical(law))]
                 assert gradients_are_finite(law, p, torch.float64), (par.name, limit)
+
+
+def test_breakaway_reaches_the_static_friction_at_a_stribeck_velocity_of_a_millimetre_a_second():
+    law = LAWS["stribeck"]()
+    p = SimpleNamespace(**{par.name: par.value for par in law.parameters} | TYPICAL | {"sigma_2": 0.0})
+    forces = [float(law.force(SimpleNamespace(v=sp.Float(v), N=1), p)) for v in np.geomspace(1e-7, 1e-2, 200)]
+    assert 0.99 * TYPICAL["mu_s"] < max(forces) <= TYPICAL["mu_s"]
