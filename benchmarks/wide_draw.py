@@ -123,7 +123,9 @@ def draw(seed: int, effects: bool | tuple[str, ...] = True) -> Case:
 
 def record(model: Model, runs: tuple[Run, ...], rate_hz: float, delays: dict[str, float] | None = None) -> Recording:
     """Simulate without noise; ``delays``: signal -> s by which it is shown late."""
-    trials = [_trial(model, run, rate_hz, str(k + 1), delays or {}) for k, run in enumerate(runs)]
+    begun = np.cumsum([0.0, *((run.samples - 1) / rate_hz for run in runs)])
+    models = [replace(model, effects=model.effects | {"begun": float(at)}) for at in begun]
+    trials = [_trial(models[k], run, rate_hz, str(k + 1), delays or {}) for k, run in enumerate(runs)]
     return Recording(tuple(trials), SIGNALS[model.kind], f"wide {model.kind}")
 
 

@@ -152,7 +152,8 @@ def _force(one: Undeclared, name: str, model: Model, trial: Trial, clean: Record
     away = y[slip[0]] - np.mean(np.concatenate([t.signals[slip[0]] for t in clean.trials]))
     simple = {
         "constant_force": 1.0, "drag": v * np.abs(v), "asymmetric_viscous": np.abs(v), "inertia": a,
-        "spring_stiffness": away, "asymmetry": F * np.sign(v), "position_gradient": F * away, "drift": F * trial.t,
+        "spring_stiffness": away, "asymmetry": F * np.sign(v), "position_gradient": F * away,
+        "drift": F * (trial.session.offset + trial.t),
         "vibration_sin": np.sin(2 * np.pi * one.values.get("vibration_frequency", 1.0) * trial.t),
         "load_exponent": F * np.log(N / np.mean(np.concatenate([t.truth["normal_force"] for t in clean.trials]))),
     }  # fmt: skip

@@ -24,7 +24,7 @@ LAW = ("sigma_0", "sigma_1", "sigma_2", "mu_c", "mu_s", "v_s")
 EFFECTS = (
     "constant_force", "spring_stiffness", "spring_rest", "drag", "asymmetry", "asymmetric_viscous",
     "position_gradient", "drift", "inertia", "vibration_sin", "vibration_cos", "vibration_frequency", "load_exponent",
-    "load_reference",
+    "load_reference", "begun",
 )  # fmt: skip
 SIGN = 1e-4  # slip per second over which a direction turns, in the effect asymmetry
 STIFF = 1e11  # N/m, of a law without memory
@@ -121,7 +121,7 @@ def _paths(kind, t, first, offset, second):
 @njit(cache=True)
 def _friction(s, v, f, t, N, law, q):
     """Friction force with the effects but without their inertia, and z'."""
-    load = N * (1 + q[4] * np.tanh(v / SIGN)) * (1 + q[6] * s) * (1 + q[7] * t)
+    load = N * (1 + q[4] * np.tanh(v / SIGN)) * (1 + q[6] * s) * (1 + q[7] * (q[14] + t))
     if q[12] != 0.0:
         load *= (max(N, 1e-9) / q[13]) ** q[12]
     g = max(load, 1e-9) * (law[3] + (law[4] - law[3]) * np.exp(-((v / law[5]) ** 2)))
@@ -159,7 +159,8 @@ class Model:
         kind: name of the system.
         system: its true parameters by name, payloads included.
         law: of LuGre by name; laws without memory through :func:`stiffened`.
-        effects: by name, those left out are neutral.
+        effects: by name, those left out are neutral; "begun": s from the start of the session, through which
+            drift runs on, to that of the trial.
     """
 
     kind: str

@@ -180,7 +180,8 @@ def judged(
         names = {c.tested.candidate.name for c in near} | out
         # Of what was tested twice the test at the sample, which comes first, is taken.
         twins = {n: t for members in reversed(classes) if members.keys() & names - out for n, t in members.items()}
-        near += _twins(bench, before, near[0], [t for name, t in twins.items() if name not in names], settings)
+        twins.pop(near[0].tested.candidate.name, None)
+        near = _lowest([*near, *_twins(bench, before, near[0], list(twins.values()), settings)])
         evidence = _surprises(bench, [c.fit for c in near])
         near = [replace(c, surprise=s) for c, s in zip(near, evidence, strict=True)]
         if reference is not None and (failed := [c.tested.candidate for c in near if c.surprise is None]):

@@ -20,6 +20,7 @@ MOST_COEFFICIENTS = 150  # of one input in one window; a signal that needs more 
 MOST_OF_A_MOTION = 300  # the same for a driven coordinate
 REST = 4.0  # standard errors: a smoothed initial velocity below counts as rest, where the search starts
 FIRST_SAMPLES = 5  # through which a line tells the initial state
+JUMP = 4.0  # standard errors by which a jump between two samples exceeds what the samples beside them suggest
 
 
 @dataclass(frozen=True)
@@ -127,8 +128,32 @@ def trial_model(
     if mechanism.memory and not rest:
         start["z"] = 0.0
     positions = [c.signals[0] for c in mechanism.free]
+    y = measured(tuple(channels.outputs))
+    if not mechanism.law.memory:
+        for row, name in zip(y, channels.outputs, strict=True):
+            if name in {c.signals[2] for c in mechanism.free}:
+                row[beside_jumps(row, sigmas[name])] = np.nan
     return TrialModel(
-        simulator, trial.name, t, channels.outputs, measured(tuple(channels.outputs)),
+        simulator, trial.name, t, channels.outputs, y,
         InputPath(mechanism.input_signals, t, coefficients, trial.session), tuple(inputs),
         tuple(name for name in simulator.state_names if not rest or name in positions), start,
     )  # fmt: skip
+
+
+def beside_jumps(y: np.ndarray, sigma: float) -> np.ndarray:
+    """The samples on both sides of every jump of a signal, shape (n,), bool.
+
+    Without memory the friction force jumps where a body stops or breaks away, and the acceleration with it. On which
+    side of a sample that falls no model tells to a fraction of the interval, and a small change of its parameters
+    changes nothing: such a sample costs a likelihood the whole jump, and would make a staircase of it.
+
+    Args:
+        y: samples, shape (n,).
+        sigma: standard deviation of their noise.
+    """
+    steps, result = np.diff(y), np.zeros(len(y), bool)
+    excess = np.abs(steps[1:-1] - (steps[:-2] + steps[2:]) / 2)  # white noise makes it sqrt(5) sigma
+    largest = np.abs(steps[1:-1]) >= np.maximum(np.abs(steps[:-2]), np.abs(steps[2:]))
+    at = 1 + np.flatnonzero(largest & (excess > JUMP * 5**0.5 * sigma))
+    result[at] = result[at + 1] = True
+    return result

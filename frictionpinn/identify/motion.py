@@ -175,6 +175,7 @@ def default_bounds(
         elif par.low >= 0 and par.neutral is None:
             factor, least = 10**DECADES if name in wide else 10.0, max(par.low, 1e-12)
             low = min(max(abs(value) / (100.0 if name == "mu_c" else factor), least), 0.5 * par.high)
+            low = par.low if par.absent else low
             high = max(abs(value) * factor, 10 * low, 10 * scales.alone.get(name, 0.0))
             result[name] = (low, min(high, par.high))
     return result

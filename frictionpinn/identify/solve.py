@@ -81,12 +81,11 @@ Evaluate = Callable[..., State | None]  # see Problem.evaluator
 Limits = tuple[np.ndarray, np.ndarray]  # bounds of u
 
 
-def reduced(state: State, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray, list]:
+def reduced(state: State) -> tuple[np.ndarray, np.ndarray, list]:
     """Eliminate the local unknowns: Schur complement (n_g, n_g), its gradient (n_g,), and what back-substitution needs.
 
-    With H = [[A, B], [B', C]] and C block diagonal over trials, S = A - sum_b B_b C_b^-1 B_b'. Damping adds
-    ``damping`` times the diagonal of H first. Back-substitution needs C_b^-1 [B_b', g_b] of every trial, None where it
-    has no unknowns.
+    With H = [[A, B], [B', C]] and C block diagonal over trials, S = A - sum_b B_b C_b^-1 B_b'. Back-substitution needs
+    C_b^-1 [B_b', g_b] of every trial, None where it has no unknowns.
 
     Raises:
         numpy.linalg.LinAlgError: a trial's own block is not positive definite.
@@ -97,14 +96,13 @@ def reduced(state: State, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray,
     for piece in state.pieces:
         S += piece.gg
         g += piece.grad_g
-    S[np.diag_indices(n)] *= 1 + damping
     for piece in state.pieces:
         if not len(piece.grad_l):
             back.append(None)
             continue
         scale = 1 / np.sqrt(piece.ll.diagonal())
         matrix = piece.ll * scale[:, None] * scale
-        matrix[np.diag_indices_from(matrix)] = 1 + damping + 1e-13
+        matrix[np.diag_indices_from(matrix)] = 1 + 1e-13
         right = np.column_stack([piece.gl.T, piece.grad_l]) * scale[:, None]
         X, fault = dposv(matrix, right)[1:]  # without checks that take ten times as long for a small matrix
         if fault:
@@ -141,12 +139,14 @@ def moved(
 def _step(state: State, damping: float, limits: Limits) -> tuple[np.ndarray, list[np.ndarray], float] | None:
     """Damped Gauss-Newton step (global, local) and the decrease that the quadratic model predicts for it.
 
-    It minimises the model within the limits, and is shortened to ``LONGEST_STEP``. An unknown that hardly shows would
-    go far, and hold back all the others: ``FAINT`` keeps it near.
+    It minimises the model within the limits, and is shortened to ``LONGEST_STEP``. Damped are the steps of u with the
+    local unknowns following (in S, whose diagonal grows) and those of the local unknowns by themselves: damped in H, a
+    parameter that a trial's own unknowns nearly stand for would hardly move. An unknown that hardly shows would go far,
+    and hold back all the others: ``FAINT`` keeps it near.
     """
-    S, g, back = reduced(state, damping)
+    S, g, back = reduced(state)
     n = len(state.u)
-    S[np.diag_indices(n)] += FAINT
+    S[np.diag_indices(n)] = S.diagonal() * (1 + damping) + FAINT
     low, high = np.minimum(limits[0] - state.u, 0.0), np.maximum(limits[1] - state.u, 0.0)
     free = low < high
     du = np.zeros(n)
@@ -163,21 +163,13 @@ def _step(state: State, damping: float, limits: Limits) -> tuple[np.ndarray, lis
             found = lsq_linear(lower.T, right, box, method="bvls").x * scale
         du[free] = found
     du *= min(1.0, LONGEST_STEP / max(np.abs(du).max(initial=0.0), 1e-300))
-    dl = [np.zeros(0) if X is None else -X[:, n] - X[:, :n] @ du for X in back]
+    dl = [np.zeros(0) if X is None else -X[:, n] / (1 + damping) - X[:, :n] @ du for X in back]
     decrease = 0.0
     for piece, d in zip(state.pieces, dl, strict=True):
         decrease -= float(du @ piece.grad_g + 0.5 * du @ piece.gg @ du)
         if len(d):
             decrease -= float(d @ piece.grad_l + 0.5 * d @ piece.ll @ d + du @ piece.gl @ d)
     return du, dl, decrease
-
-
-def _weakest(state: State) -> float:
-    """Least share of its information, over all directions of u, that the trials' own unknowns leave: damping far below
-    that is none."""
-    S = reduced(state)[0]
-    scale = 1 / np.sqrt(np.maximum(np.sum([piece.gg.diagonal() for piece in state.pieces], axis=0), FAINT))
-    return max(float(np.linalg.eigvalsh((S + FAINT * np.eye(len(S))) * scale[:, None] * scale)[0]), 1e-9)
 
 
 def levenberg_marquardt(
@@ -228,7 +220,7 @@ def levenberg_marquardt(
                 trust = TRUSTED[0] < ratio < TRUSTED[1]
                 break
             trust = False
-            damping, growth = max(damping * growth, _weakest(state)), growth * 2
+            damping, growth = max(damping * growth, NEAR), growth * 2
             rejected += 1
             if damping > STUCK or rejected > MOST_REJECTED:
                 return Solution(state, "stuck")

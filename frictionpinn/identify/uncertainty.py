@@ -164,11 +164,12 @@ def finish(
     state, space = minimum.state, problem.space
     names, p, positive = space.names, space.to_values(state.u), space.scales == 0
     low, high = space.limits
-    width = np.where(np.isfinite(high - low), np.maximum(high - low, 1e-12), 1.0)
-    at = (state.u - low < 1e-4 * width) | (high - state.u < 1e-4 * width)
+    near = np.where(positive & np.isfinite(high - low), 1e-4 * (high - low), 0.0)  # one that may be 0 ends there
+    at = (state.u - low <= near) | (high - state.u <= near)
     value, ends = space.named(state.u), [names[i] for i in np.flatnonzero(at)]
     table = {par.name: par for par in problem.mechanism.parameters}
-    at_limit = [n for n in ends if table[n].neutral is not None and value[n] in (table[n].low, table[n].high)]
+    optional = {n for n in names if table[n].neutral is not None or table[n].absent}
+    at_limit = [n for n in ends if n in optional and value[n] in (table[n].low, table[n].high)]
     at_bound = [name for name in ends if name in problem.bounded and name not in at_limit]
 
     outputs = problem.channels.outputs
@@ -185,7 +186,8 @@ def finish(
     evaluate = problem.evaluator(minimum.models, sigmas, prior=False)
     ci95, errors = {}, np.sqrt(np.diag(covariance))
     for i, name in enumerate(names):
-        ci95[name] = interval(p[i], errors[i], bool(positive[i]))
+        least, most = interval(p[i], errors[i], bool(positive[i]))
+        ci95[name] = max(least, table[name].low), min(most, table[name].high)
         blunt = positive[i] and not errors[i] < SHARP * space.own(state.u)[i]
         if name in at_limit:
             ci95[name] = one_sided(space, state, i, RISE_95 * factor)

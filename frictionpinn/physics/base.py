@@ -33,6 +33,7 @@ class Parameter:
         scan: values to try, relative to the data.
         group: parameters of an effect in the same group are tested together (the sine and cosine of one ripple); a
             hidden parameter in a group shapes that alone.
+        absent: whether it may be 0 like the strength of an effect: it is searched as it is, not by its logarithm.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Parameter:
     hidden: bool = False
     scan: Scan | None = None
     group: str = ""
+    absent: bool = False
 
     @property
     def symbol(self) -> sp.Symbol:
@@ -144,4 +146,4 @@ ALPHA = Parameter("alpha", "1", "Stribeck shape exponent", value=2.0, low=0.1, h
 V_T = Parameter("v_t", "{L}/s", "transition velocity of the regularised sign", value=1e-4, low=1e-9)
 SIGMA_0 = Parameter("sigma_0", "{F}/{L}", "bristle stiffness", low=1e-9)
 SIGMA_1 = Parameter("sigma_1", "{F}*s/{L}", "bristle damping")
-SIGMA_2 = Parameter("sigma_2", "{F}*s/{L}", "viscous friction")
+SIGMA_2 = Parameter("sigma_2", "{F}*s/{L}", "viscous friction", absent=True)
