@@ -24,8 +24,7 @@ from ..physics.sizes import Sizes
 from .fit import Fit, fit_declared
 
 LONGEST = 500.0  # times the steps that simulate all trials once: a budget, beyond which a refit is given up
-RELAXED = 1e3  # factor by which viscous friction may fall below the bounds of the declared model
-BACK = 0.1  # of its start value: from where friction that vanished beside something missing is estimated anew
+BACK = 0.1  # of its start value: from where dry friction that vanished beside something missing is estimated anew
 
 
 class Part(Simulator):
@@ -161,8 +160,7 @@ class Bench:
         """The problem with these parameters free, the others held at their values."""
         wider: dict[str, tuple[float, float]] = {}
         if "sigma_2" in problem.names:  # viscous friction absorbs much of what is missing: it must be free to go
-            low, high = problem.space.bounds["sigma_2"]
-            wider["sigma_2"] = (low / RELAXED, high)
+            wider["sigma_2"] = (0.0, problem.space.bounds["sigma_2"][1])
         trials = self.equipped(problem.trials, simulator)
         return problem.varied(names=names, values=values, simulator=simulator, limits=wider | dict(limits or {}),
                               sizes=self.sizes, trials=trials)  # fmt: skip
@@ -190,10 +188,8 @@ class Bench:
             around: look for other minima by going back to coarser resolutions and down again.
         """
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
-        values |= {
-            name: max(values[name], BACK * self.problem.start[name])
-            for name in {"mu_c", "sigma_2"} & set(names) & set(self.problem.names)
-        }
+        if "mu_c" in {*names} & {*self.problem.names}:
+            values["mu_c"] = max(values["mu_c"], BACK * self.problem.start["mu_c"])
         probing = fit.models[0].simulator is self.probe
         simulator = self.probe if probing else self.part(names, values)
         models = tuple(replace(model, simulator=simulator) for model in fit.models)

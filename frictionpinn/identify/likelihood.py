@@ -2,7 +2,8 @@
 
 Two things make this likelihood rugged. Errors add up over a trial: a static friction a little off moves a stop, and all
 that follows is another motion. And what is sampled jumps: a stop one sample late costs the whole jump of the
-acceleration, and a small change of the parameters changes nothing. So the search goes
+acceleration, and a small change of the parameters changes nothing (laws without memory are not asked beside a jump, see
+:func:`frictionpinn.identify.build.beside_jumps`). So the search goes
 
 1. over short windows, each begun anew from what was measured, at a coarse resolution in time: a design over what the
    sliding samples do not tell, the best refined (:func:`frictionpinn.identify.start.find_start`);

@@ -20,7 +20,7 @@ from .trial import Piece
 LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
 FAINT = 0.01  # added to the curvature in log u: that of an unknown told to ten powers of e, which tells nothing
 NEAR = 1e-3  # damping of a search that is to stay in its minimum
-STUCK, MOST_REJECTED = 1e12, 5  # damping beyond which no step will help; rejected steps in a row
+STUCK, MOST_REJECTED = 1e12, 8  # damping beyond which no step will help; rejected steps in a row: from 0 to 1e6
 TRUSTED = 0.75, 1.5  # decrease over that predicted
 SMALL = 5.0  # times the decrease asked for: two steps in a row that gain less end the search (the cost has kinks)
 SAME_MINIMUM = 0.2  # log-likelihood: a point that is as near to a minimum as that lies in it

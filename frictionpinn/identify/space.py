@@ -23,7 +23,7 @@ class Space:
     """Free parameters p and the vector u in which they are searched.
 
     u is log p; log(p - p_below) for a parameter that must not fall below another free one (mu_s above mu_c); and
-    p / scale for a parameter that may be zero or negative (the strength of an effect, a place).
+    p / scale for a parameter that may be zero or negative (the strength of an effect, a place, viscous friction).
 
     Attributes:
         names: free parameters, in the mechanism's order.
