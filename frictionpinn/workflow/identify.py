@@ -21,14 +21,14 @@ from ..evaluate.trajectory import Trajectory, simulate, simulation_error
 from ..evaluate.yardsticks import Candidate
 from ..identify.result import Estimate, plain
 from ..numerics.simulate import Simulator
-from ..physics import LAWS
+from ..physics import LAWS, extensions
 from ..physics.mechanism import Mechanism
 from .build import Config, build_system
 from .estimate import ESTIMATORS, NETWORKS, estimate, given_start
 from .experiment import build_data
 from .manifest import write_json
 from .provenance import commit, versions
-from .threads import one_thread
+from .threads import one_thread, silent
 from .train import quiet
 from .trajectories import build_trajectories, recorded_trajectories, transferred
 
@@ -67,7 +67,7 @@ def compare(cfg: Config) -> dict[str, Any]:
     jobs = cfg["jobs"]
     work = partial(one_seed, cfg)
     if jobs > 1 and len(cfg["seeds"]) > 1:
-        with one_thread(), ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        with one_thread(), ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=silent) as pool:
             found = list(pool.map(work, cfg["seeds"]))
     else:
         found = [work(seed) for seed in cfg["seeds"]]
@@ -94,6 +94,7 @@ def compare(cfg: Config) -> dict[str, Any]:
 def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
     """Every method on one draw of the noise, the bounds and the start."""
     quiet()
+    extensions.load(cfg.get("extensions") or ())  # in a process of its own
     cfg = cfg | {"seed": seed}
     system = build_system(cfg["system"])
     mechanism = Mechanism(system, LAWS[cfg["friction"]["name"]]())
