@@ -88,11 +88,11 @@ def run(main: Callable[[], None], name: str, failures: list[BaseException]) -> N
         if not (asked.hydra_help or asked.shell_completion or asked.info):
             arguments = saved_friction(resumed(sys.argv[1:]))
             check_command_line(CONF, name, arguments)
-            given = parsed(arguments).overrides
+            given = parsed(arguments).overrides  # Hydra wants its flags together
             sys.argv[1:] = [
                 *given,
                 *(item for item in arguments if item not in given),
-            ]  # Hydra wants its flags together
+            ]
             if not asked.cfg:
                 output_folder(CONF, name, arguments)
         logging.raiseExceptions = False  # a log that cannot be written is no reason for a traceback
