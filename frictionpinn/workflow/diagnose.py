@@ -48,9 +48,23 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
     system = build_system(cfg["system"])
     law = choose(cfg["friction"]["name"], LAWS, "friction")()
     recording = build_noise(cfg["noise"])(build_recording(cfg["data"], system), seed_of(cfg))
+    return report(examine(cfg, Mechanism(system, law, tuple(options["declared"])), recording), cfg, folder)
+
+
+def examine(cfg: Config, mechanism: Mechanism, recording: Recording) -> Diagnosis:
+    """Diagnose a declared model on a recording with the options of ``cfg``.
+
+    Args:
+        cfg: of conf/diagnose.yaml the sections ``diagnose``, ``data`` (held_out), ``friction`` (start, bounds, fixed).
+        mechanism: the declared model.
+        recording: what was measured.
+
+    Raises:
+        UserError: anything that the user can mend.
+    """
+    options = checked(cfg)
     recording = chosen_signals(recording, options["signals"])
     fitted, held_out = split(recording, cfg["data"])
-    mechanism = Mechanism(system, law, tuple(options["declared"]))
     log.info(f"diagnosing {mechanism.name} on {recording.source}: fitted to {', '.join(fitted.names)}; held out: "
              f"{', '.join(held_out.names) or 'none'}")  # fmt: skip
     settings = Settings(float(options["log10_p"]), int(options["most"]), worth=float(options["worth"]))
@@ -61,17 +75,17 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
         mechanism, fitted, held_out, effects=effects, settings=settings, start=friction["start"] or None,
         bounds=friction["bounds"], fixed=friction["fixed"], network=options["fallback"] == "network", **wanted,
     )  # fmt: skip
-    return report(d, cfg, folder, fitted, held_out)
+    return replace(d, config=cfg)
 
 
-def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out: Recording) -> dict[str, Any]:
+def report(d: Diagnosis, cfg: Config, folder: Path) -> dict[str, Any]:
     """Write result.json, figures, the page, TensorBoard and the augmented model."""
     folder.mkdir(parents=True, exist_ok=True)
     augmented = save_augmented(folder / "augmented.yaml", d)
     result = as_dict(d) | {
         "data": {
-            "source": fitted.source, "sha256": fitted.checksum, "fitted": list(fitted.names),
-            "held_out": list(held_out.names),
+            "source": d.fitted.source, "sha256": d.fitted.checksum, "fitted": list(d.fitted.names),
+            "held_out": list(d.held_out.names),
         },
         "augmented_model": "augmented.yaml",
         "versions": versions(),
