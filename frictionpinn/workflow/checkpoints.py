@@ -21,7 +21,7 @@ from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from ..errors import Interrupted, UserError, nearest
 from ..models import FrictionEnsemble, FrictionModel
 from ..models.base import check_same_model
-from .configs import told
+from .configs import called
 
 
 class WholeFiles(TorchCheckpointIO):
@@ -80,7 +80,7 @@ class Checkpoints(ModelCheckpoint):
 
     def _told(self, what: str) -> str:
         last = Path(str(self.dirpath)) / "last.ckpt"
-        resume = f"go on with: {told('train')} resume={os.path.relpath(last.parents[1])}"
+        resume = f"go on with: {called('train')} resume={os.path.relpath(last.parents[1])}"
         return f"{what}; {resume if last.is_file() else 'no checkpoint was written yet: start again'}"
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:

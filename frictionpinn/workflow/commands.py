@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from .. import __version__
 from ..errors import UserError, choose
 from . import cli
 from .configs import CONF, with_extensions
+from .progress import clock
 
 Act = Callable[[dict[str, Any], Path], Any]  # takes the resolved configuration and the folder of the run
 
@@ -74,7 +76,8 @@ def run(name: str) -> None:
                 plain: dict[str, Any] = OmegaConf.to_container(cfg, resolve=True)  # type: ignore[assignment]
                 plain = with_extensions(plain)
                 extensions.load(plain["extensions"])
-                return COMMANDS[name][1](plain, folder)
+                with clock() if name != "train" else nullcontext():  # a training has its own bar
+                    return COMMANDS[name][1](plain, folder)
         finally:
             if fresh:
                 _clear(folder)

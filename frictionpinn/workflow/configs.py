@@ -37,7 +37,7 @@ def written(value: object) -> str:
     return repr(value) if isinstance(value, int | float) else quote(value)
 
 
-def told(command: str) -> str:
+def called(command: str) -> str:
     """A command as it is called here: by its script, or as one of the package's console commands."""
     return f"python {command}.py" if Path(sys.argv[0]).stem in SCRIPTS else f"frictionpinn {command}"
 

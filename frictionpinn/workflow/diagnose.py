@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,14 @@ from ..diagnose.diagnosis import Diagnosis
 from ..diagnose.diagnosis import diagnose as run_diagnosis
 from ..diagnose.report import draw, equations, headline, in_latex, in_mathml, span, write_page
 from ..diagnose.select import Settings
+from ..diagnose.verdict import FOUND, PARTLY, UNEXPLAINED
 from ..errors import UserError, choose
 from ..identify.result import plain
 from ..physics import LAWS
 from ..physics.effects import EFFECTS
 from ..physics.mechanism import Mechanism
 from .build import Config, build_noise, build_recording, build_system, check_pairing, seed_of
+from .configs import called
 from .manifest import write_json
 from .provenance import commit, versions
 
@@ -111,7 +114,19 @@ def report(d: Diagnosis, cfg: Config, folder: Path) -> dict[str, Any]:
             f"{error['after']:.4g} {error['unit']} (noise {error['noise_floor']:.4g}); part of the augmented model"
         )
     log.info(f"result.json, figures, the augmented model and the page report.html are in {folder}")
+    log.info(f"next: {next_step(d, folder)}")
     return result
+
+
+def next_step(d: Diagnosis, folder: Path) -> str:
+    """What the verdict suggests to do."""
+    if d.verdict in (FOUND, PARTLY):
+        model = "pe2" if d.bench.mechanism.law.memory else "bb1"
+        path = os.path.relpath(folder / "augmented.yaml")
+        return f"{called('train')} model={model} friction={path} learns the law beside them"
+    if d.verdict == UNEXPLAINED:
+        return f"{called('diagnose')} with diagnose.fallback=network puts a network in the place of the rest"
+    return f"the model is complete as far as this recording tells; {os.path.relpath(folder)}/report.html shows it"
 
 
 def as_dict(d: Diagnosis) -> dict[str, Any]:

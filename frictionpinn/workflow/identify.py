@@ -24,9 +24,11 @@ from ..numerics.simulate import Simulator
 from ..physics import LAWS, extensions
 from ..physics.mechanism import Mechanism
 from .build import Config, build_system
+from .configs import called
 from .estimate import ESTIMATORS, NETWORKS, estimate, given_start
 from .experiment import build_data
 from .manifest import write_json
+from .progress import Steps
 from .provenance import commit, versions
 from .threads import one_thread, silent
 from .train import quiet
@@ -52,6 +54,7 @@ def identify(cfg: Config, folder: Path) -> dict[str, Any]:
     write_json(folder / "result.json", result | {"versions": versions(), "commit": commit(), "config": cfg})
     log.info(table(result))
     log.info(f"error_against_time.png and result.json are in {folder}")
+    log.info(f"next: {called('diagnose')} with the same system, friction and data says what this law lacks")
     return result
 
 
@@ -118,12 +121,13 @@ def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
     methods = sorted(cfg["methods"], key=lambda method: method != origin)  # the network that the others start from
     if origin in NETWORKS and origin not in methods:
         methods = [origin, *methods]
+    steps = Steps(len(methods))
     for method in methods:
         processor = time.process_time()
         found = estimate(method, mechanism, recording, start=start, simulations=simulations, **options)
         processor = time.process_time() - processor
         result[method] = _entry(found, processor, scorer, start) | {"seed": seed, "start": start, "bounds": bounds}
-        log.info(f"seed {seed}, {method}: {found.seconds:.1f} s, {found.outcome}")
+        steps.finish(f"seed {seed}, {method}: {found.seconds:.1f} s, {found.outcome}")
         if method == "maximum_likelihood":
             log.info(str(found))
         start = within(bounds, start | found.values) if method == origin else start

@@ -18,7 +18,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from ..errors import UserError, nearest
-from .configs import CONF, Configs, told
+from .configs import CONF, Configs, called
 from .manifest import check_free
 
 
@@ -89,7 +89,7 @@ def _meant(configs: Configs, text: str) -> str:
     if Path(text).exists():
         key = {"train": "data=csv data.path", "evaluate": "run"}.get(configs.name, "data=csv data.path")
         return f"say {key}={text}"
-    return f"see {told(configs.name)} --help"
+    return f"see {called(configs.name)} --help"
 
 
 def output_folder(config_folder: Path, config_name: str, arguments: Sequence[str]) -> Path:

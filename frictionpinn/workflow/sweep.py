@@ -14,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from ..errors import Interrupted, UserError, unwritable
 from . import cli
-from .configs import quote, told
+from .configs import called, quote
 from .manifest import MANIFEST, STATUS, Job, digest, read_manifest, result_of, set_status, status_of, write_manifest
 from .summary import summarise_sweep
 
@@ -63,10 +63,10 @@ class Sweep:
                 "another process runs this sweep", where="hydra.sweep.dir", received=self.told, fix="wait for its end"
             ) from error
         except OSError as error:
-            fix = f"make room or allow it, then {told('train')} resume={self.told}"
+            fix = f"make room or allow it, then {called('train')} resume={self.told}"
             raise unwritable(error, self.told, fix) from error
         except KeyboardInterrupt:
-            raise Interrupted(f"stopped; go on with: {told('train')} resume={self.told}") from None
+            raise Interrupted(f"stopped; go on with: {called('train')} resume={self.told}") from None
 
     def _run(self, launcher: Any, batch: int) -> list[Any]:
         jobs = self._plan()
@@ -84,7 +84,7 @@ class Sweep:
         failed = [job for job in jobs if not result_of(self.folder / job.folder)]
         cli.failed_jobs += len(failed)
         if failed:
-            print(f"run the failed jobs again with: {told('train')} resume={self.told}", flush=True)
+            print(f"run the failed jobs again with: {called('train')} resume={self.told}", flush=True)
         return [result_of(self.folder / job.folder) for job in jobs]
 
     def _plan(self) -> list[Job]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import logging
+import os
 import sys
 import threading
 import time
@@ -23,6 +24,7 @@ from ..errors import DISK, UserError, unwritable
 from .build import Config, build_system, check_pairing, seed_of
 from .callbacks import Progress, Scalars, StopOnNaN
 from .checkpoints import Checkpoints, EveryFew, WholeFiles, bring_best, check_resumable, load_checkpoint, use_best
+from .configs import called
 from .dashboard import Dashboard
 from .ensemble import MembersBest, prepare, size_of
 from .manifest import check_free, write_json
@@ -94,6 +96,7 @@ def _train(cfg: Config, folder: Path) -> dict[str, Any]:
         result["rollout"] = rollout(system, data, model, folder)
     write_json(folder / "result.json", result)
     log.info(summarise(result, folder))
+    log.info(f"next: {called('evaluate')} run={os.path.relpath(folder)}")
     return result
 
 
