@@ -162,15 +162,21 @@ def in_mathml(e: sp.Eq) -> str:
     return f'<math display="block">{sp.mathml(e, printer="presentation", mul_symbol="dot")}</math>'
 
 
-def draw(folder: Path, d: Diagnosis) -> list[Path]:
-    """Write every figure as PNG; return the files in reading order."""
-    folder.mkdir(parents=True, exist_ok=True)
+def figures(d: Diagnosis) -> dict[str, Figure]:
+    """Every figure in reading order, by name."""
     drawn = {"error": error_figure(d), "residual": residual_figure(d), "tried": tried_figure(d),
              "dependence": dependence_figure(d)}  # fmt: skip
     if d.accepted:
         drawn["proof"] = proof_figure(d)
     if d.unexplained is not None:
         drawn["remainder"] = remainder_figure(d, d.unexplained)
+    return drawn
+
+
+def draw(folder: Path, d: Diagnosis) -> list[Path]:
+    """Write every figure as PNG; return the files in reading order."""
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn = figures(d)
     for name, figure in drawn.items():
         save_png(figure, folder / f"{name}.png")
     return [folder / f"{name}.png" for name in drawn]

@@ -19,7 +19,7 @@ from ..workflow.estimate import default_config
 from ..workflow.evaluate import evaluate
 from ..workflow.members import train_seeds
 from ..workflow.result import write_json
-from ..workflow.threads import one_thread
+from ..workflow.threads import one_thread, silent
 from ..workflow.train import train
 
 T = TypeVar("T")
@@ -127,7 +127,8 @@ def each(work: Callable[[T], R], items: Iterable[T], jobs: int) -> list[R]:
 
 
 def hush() -> None:
-    """Messages of single trainings are of no use where dozens run."""
+    """Messages of single trainings are of no use where dozens run; nor are their tracebacks after Ctrl-C."""
+    silent()
     logging.getLogger("frictionpinn.workflow").setLevel(logging.WARNING)
 
 
