@@ -23,6 +23,7 @@ class Trial:
         truth: noise-free signals and forces of simulated data, for scoring alone; empty for measured data.
         start: time of the session at the first sample, s; None: its recording tells, see :class:`Recording`.
         number: place among the trials of the session, from 1; None: its recording tells.
+        notes: what was done to it when it was read, a sentence each.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Trial:
     truth: dict[str, np.ndarray] = field(default_factory=dict)
     start: float | None = None
     number: int | None = None
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.t)
@@ -79,12 +81,14 @@ class Recording:
         units: signal name -> SI unit as text ("m/s").
         source: where it came from, for reports.
         checksum: sha256 of the data, for ``result.json``.
+        notes: how it was read: columns used, ignored and derived.
     """
 
     trials: tuple[Trial, ...]
     units: dict[str, str]
     source: str = ""
     checksum: str = ""
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self):
         object.__setattr__(self, "trials", tuple(_placed(self.trials)))

@@ -101,6 +101,8 @@ def trial_model(
     plain = [((name,), (column,), min(MOST_COEFFICIENTS, len(t) // 4)) for name, column in channels.plain]
     for names, columns, most in (*motions, *plain):
         motion, y, basis = len(names) > 1, measured(names), None
+        if motion:
+            y = anchored(y)
         levels = np.array([sigmas.get(name, 1.0) for name in names])
         if not np.isfinite(y).any():
             continue
@@ -127,8 +129,17 @@ def trial_model(
     if mechanism.memory and not rest:
         start["z"] = 0.0
     positions = [c.signals[0] for c in mechanism.free]
+    untold = [name for name in positions if name not in trial.signals]  # it stays where it is said to begin, at 0
     return TrialModel(
         simulator, trial.name, t, channels.outputs, measured(tuple(channels.outputs)),
         InputPath(mechanism.input_signals, t, coefficients, trial.session), tuple(inputs),
-        tuple(name for name in simulator.state_names if not rest or name in positions), start,
+        tuple(n for n in simulator.state_names if (not rest or n in positions) and n not in untold), start,
     )  # fmt: skip
+
+
+def anchored(y: np.ndarray) -> np.ndarray:
+    """A motion, shape (3, n), that begins at 0 in what no lower derivative tells: positions of velocities alone."""
+    measured = np.isfinite(y).any(axis=1)
+    if measured.any() and not measured[0]:
+        y[: int(np.argmax(measured)), 0] = 0.0
+    return y

@@ -281,7 +281,7 @@ def saved_friction(arguments: list[str]) -> list[str]:
     given = [a for a in arguments if a.startswith("friction=") and a.endswith((".yaml", ".yml"))]
     if not given:
         return arguments
-    from ..diagnose.augmented import load_augmented
+    from ..diagnose.augmented import data_of, load_augmented
 
     path = Path(given[0].partition("=")[2]).resolve()
     mechanism, _ = load_augmented(path)
@@ -290,7 +290,27 @@ def saved_friction(arguments: list[str]) -> list[str]:
         raise UserError("friction model of another system", where="friction", received=f"{path.name} with {other}",
                         allowed=f"system={name}", fix=f"say system={name}")  # fmt: skip
     rest = [a for a in arguments if a != given[0] and not a.startswith("system=")]
-    return [*rest, f"system={name}", f"friction={mechanism.law.name}", f"+system.augmented='{path}'"]
+    own = [] if any(a.startswith("data=") for a in arguments) else _recording(data_of(path), rest)
+    return [*rest, *own, f"system={name}", f"friction={mechanism.law.name}", f"+system.augmented='{path}'"]
+
+
+def _recording(data: Mapping[str, object], given: Sequence[str]) -> list[str]:
+    """Options of a recording as the command line has them; those that are given already are left out."""
+    table = {f"data.{key}": value for key, value in data.items() if key not in ("name", "for_system")}
+    taken = {item.partition("=")[0] for item in given}
+    told = [f"{key}={_written(value)}" for key, value in table.items() if key not in taken and value is not None]
+    return [f"data={data['name']}", *told] if data else []
+
+
+def _written(value: object) -> str:
+    """A plain value in Hydra's grammar."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {_written(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_written(item) for item in value) + "]"
+    if value is None or isinstance(value, bool):
+        return "null" if value is None else str(value).lower()
+    return quote(value) if isinstance(value, str) else repr(value)
 
 
 def run(main: Callable[[], None], config_folder: Path, config_name: str, failures: list[BaseException]) -> None:

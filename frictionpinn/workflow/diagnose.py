@@ -24,6 +24,7 @@ from ..physics.mechanism import Mechanism
 from .build import Config, build_noise, build_recording, build_system, check_pairing, seed_of
 from .manifest import write_json
 from .provenance import commit, versions
+from .vet import vet, with_motion_chosen
 
 log = logging.getLogger(__name__)
 
@@ -48,6 +49,8 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
     system = build_system(cfg["system"])
     law = choose(cfg["friction"]["name"], LAWS, "friction")()
     recording = build_noise(cfg["noise"])(build_recording(cfg["data"], system), seed_of(cfg))
+    vet(cfg, system, recording, options["free"] or ())
+    system = with_motion_chosen(cfg, system, recording)
     recording = chosen_signals(recording, options["signals"])
     fitted, held_out = split(recording, cfg["data"])
     mechanism = Mechanism(system, law, tuple(options["declared"]))
@@ -67,7 +70,7 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
 def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out: Recording) -> dict[str, Any]:
     """Write result.json, figures, the page, TensorBoard and the augmented model."""
     folder.mkdir(parents=True, exist_ok=True)
-    augmented = save_augmented(folder / "augmented.yaml", d)
+    augmented = save_augmented(folder / "augmented.yaml", d, cfg["data"])
     result = as_dict(d) | {
         "data": {
             "source": fitted.source, "sha256": fitted.checksum, "fitted": list(fitted.names),
@@ -209,6 +212,9 @@ def _given(table: Any) -> dict[str, Any]:
 def checked(cfg: Config) -> dict[str, Any]:
     """The section ``diagnose``, its names and numbers checked."""
     options = dict(cfg["diagnose"])
+    if cfg["smoothing"]["name"] != "none":
+        raise UserError("a diagnosis does not smooth: it estimates the motion with the parameters", where="smoothing",
+                        received=cfg["smoothing"]["name"], allowed="none", fix="leave smoothing= out")  # fmt: skip
     for key in ("effects", "declared"):
         names = options[key]
         if key == "effects" and names == "all":
