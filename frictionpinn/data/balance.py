@@ -17,7 +17,7 @@ from scipy.ndimage import minimum_filter1d
 from ..numerics.motion_function import motion_function
 from ..physics import System
 from .filters import FEWEST, Sampled, clear, filtered, noise_gain, widths
-from .findings import ANOTHER, CLEAR, HALF, OFF, SURE, Finding, listed, named_factor
+from .findings import ANOTHER, CLEAR, HALF, INERTIAL, OFF, SURE, Finding, listed, named_factor
 
 SLIDING = 0.15  # of the largest slip velocity: faster counts as sliding, as in frictionpinn.identify.motion
 Motion = dict[str, np.ndarray]
@@ -33,7 +33,8 @@ class Balance:
             the largest standard errors by which one is told.
         share: of the driving force's variance that the regression explains.
         forces: parameters of the system that were fitted with it (gravity on a joint's arm), SI units.
-        moves: share of that variance which is inertia's.
+        moves: share of that variance which is inertia's, of a system without it that which goes with acceleration.
+        elastic: share of it that goes with the position alone.
     """
 
     inertia: float | None
@@ -42,6 +43,7 @@ class Balance:
     sure: float
     share: float
     moves: float
+    elastic: float
     forces: dict[str, float]
 
     @property
@@ -75,10 +77,15 @@ def balance_findings(
     if not motions or rows is None:
         return []
     found = rows(motions)
-    if found is None or (found.fits and not (found.share < HALF and found.moves > HALF)):
+    if found is None:
         return []
     if gravity := _missing_forces(system, motions, found):
         return [] if inertia_free else [gravity]
+    if found.inertia is None and found.moves > INERTIAL:
+        what = f"{100 * found.moves:.0f} % of the measured force goes with the acceleration: it moves a mass that "
+        return [Finding(f"{what}system={system.name} has not (inertia)", "take system=drive or joint", grave=True)]
+    if found.fits and not (found.share < HALF and found.moves > HALF):
+        return []
     if inertia_free and not found.drives and (found.inertia is None or found.inertia > 0):
         return []
     better = []
@@ -95,6 +102,9 @@ def balance_findings(
                    f"{named_factor(found.inertia)}"  # fmt: skip
             advice = f"set system.parameters to what moves, or check the units of {listed(_involved(system, sigmas))}"
             return [Finding(what, "; ".join(filter(None, [advice, fix])), grave=True)]
+        if not ranked and found.inertia < -ANOTHER and found.elastic > HALF:
+            what = "nothing slips here: the force goes with the position as in a spring, no friction can be told"
+            return [Finding(what, "record a motion that breaks loose", grave=True)]
         what = f"force and motion have opposite signs: they would need {found.inertia:.3g} times the declared inertia"
         return [
             Finding(what, fix or "turn the force or the motion: data.gains={...: -1}, or check system=", grave=True)
@@ -116,12 +126,12 @@ def _missing_forces(system: System, motions: Sequence[Motion], found: Balance) -
     other = rows(motions) if rows is not None else None
     if other is None or other.drives or 1 - other.share > 0.5 * (1 - found.share):
         return None
-    told = ", ".join(f"{name} = {value:.3g}" for name, value in other.forces.items())
-    times = other.inertia or 1.0
-    if not 1 / OFF < times < OFF:
-        told += "".join(f", {n} = {times * v:.3g}" for n, v in system.values.items() if _inertial(system, n))
-    return Finding(f"force and motion fit with {told}, which are at "
-                   f"{', '.join(f'{n} = {v:g}' for n, v in system.values.items() if n in told)}",
+    now: dict[str, float] = {
+        n: v for n, v in system.values.items() if v is not None and (n in names or _inertial(system, n))
+    }
+    times = 1.0 if other.inertia is None or 1 / OFF < other.inertia < OFF else other.inertia
+    told = ", ".join(f"{n} = {other.forces.get(n, times * v):.3g} in place of {v:g}" for n, v in now.items())
+    return Finding(f"force and motion fit with {told}",
                    "set them in system.parameters, or let them be estimated (diagnose.free)", grave=True)  # fmt: skip
 
 
@@ -185,31 +195,32 @@ def _rows(system: System, forces: tuple[str, ...] = ()) -> Callable[[Sequence[Mo
     residual, J = system.residual(c), sp.sympify(system.jacobian[c.name])
     slope = sp.diff(residual, c.symbols[2])
     inertia = slope * c.symbols[2]
-    equations = (residual - inertia, inertia, J, system.N, system.v_slip, slope)
+    place = system.slip_position if system.slip_position is not None else sp.Integer(0)
+    equations = (residual - inertia, inertia, J, system.N, system.v_slip, slope, place, system.a_slip)
     parts = [motion_function(system, sp.sympify(e)) for e in equations]
     extra = [motion_function(system, sp.diff(residual, sp.Symbol(name, real=True))) for name in forces]
     values = {par.name: float(par.value or 0.0) for par in system.parameters} | dict(system.values)
 
     def regress(motions: Sequence[Motion]) -> Balance | None:
-        columns: list[list[np.ndarray]] = [[] for _ in range(7 + len(extra))]
+        columns: list[list[np.ndarray]] = [[] for _ in range(9 + len(extra))]
         speeds = [parts[4](m, values) for m in motions]
         largest = float(np.quantile(np.abs(np.concatenate(speeds)), 0.99))
         for motion, v in zip(motions, speeds, strict=True):
             size = int(motion["_width"][0])
             sliding = minimum_filter1d(np.abs(v), size) > SLIDING * largest
-            drive, own, j, N, _, mass = (f(motion, values) for f in parts)
+            drive, own, j, N, _, mass, x, a = (f(motion, values) for f in parts)
             noise = mass**2 * motion.get(f"_noise_{c.name}", np.zeros(len(v)))
-            known = (drive, own, j, N, v, motion["_independent"], noise, *(f(motion, values) for f in extra))
+            known = (drive, own, j, N, v, motion["_independent"], noise, x, a, *(f(motion, values) for f in extra))
             for column, y in zip(columns, known, strict=True):
                 column.append(y[sliding])
-        drive, own, j, N, v, weight, noise, *further = (np.concatenate(column) for column in columns)
+        drive, own, j, N, v, weight, noise, x, a, *further = (np.concatenate(column) for column in columns)
         if np.any(own) and not float(np.mean(noise)) < (1 - CLEAR) * float(np.mean(own**2)):
             return None  # noise in the acceleration would take inertia away
         independent = float(weight.sum())
         if independent < 10 or not np.var(drive) > 0:
             return None
         dry, viscous = -j * N * np.sign(v), -j * v
-        A = np.stack([-own, dry, viscous, -j, *(-column for column in further)], axis=1)
+        A = np.stack([-own if np.any(own) else -j * a, dry, viscous, -j, *(-column for column in further)], axis=1)
         size = np.sqrt(np.mean(A**2, axis=0))
         unit = A / np.where(size > 0, size, 1.0)
         coefficients, *_ = np.linalg.lstsq(unit, drive, rcond=None)
@@ -222,10 +233,14 @@ def _rows(system: System, forces: tuple[str, ...] = ()) -> Callable[[Sequence[Mo
         sure = float(np.max(np.abs(coefficients[1:3] / errors[1:3])))
         whole = float(np.var(drive)) + (0.0 if np.any(drive) else 1.0)
         share = 1 - float(np.var(left)) / whole
-        has = bool(size[0] > 0)
+        has = bool(np.any(own))
+        heavy = scaled[0] > SURE * errors[0] / (size[0] or 1.0)  # a damper's force that falls with position is a spring
+        moves = float(np.var(own)) if has else float(np.var(scaled[0] * a)) * heavy
+        line = np.polyval(np.polyfit(x, drive, 1), x) if np.ptp(x) > 0 else np.full(len(x), drive.mean())
+        elastic = 0.0 if residual.has(*place.free_symbols) else 1 - float(np.var(drive - line)) / whole
         inertia, error = (float(scaled[0]), float(errors[0] / size[0])) if has else (None, 0.0)
         return Balance(inertia, error, power, sure, share,
-                       float(np.var(own)) / whole, dict(zip(forces, scaled[4:].tolist(), strict=True)))  # fmt: skip
+                       moves / whole, elastic, dict(zip(forces, scaled[4:].tolist(), strict=True)))  # fmt: skip
 
     return regress
 
@@ -233,8 +248,9 @@ def _rows(system: System, forces: tuple[str, ...] = ()) -> Callable[[Sequence[Mo
 def _alternatives(system: System, sigmas: Mapping[str, float]) -> list[tuple[str, Callable[[Motion], Motion]]]:
     """Changes of the recording that its author may have meant: signs, units, the zero of an angle."""
 
-    def times(names: Sequence[str], factor: float) -> Callable[[Motion], Motion]:
-        return lambda motion: motion | {n: motion[n] * factor for n in names if n in motion}
+    def times(names: Sequence[str], factor: float, own: str = "") -> Callable[[Motion], Motion]:
+        powers = dict.fromkeys(names, factor) | {f"_noise_{own}": factor**2}
+        return lambda motion: motion | {n: motion[n] * power for n, power in powers.items() if n in motion}
 
     def turned(name: str) -> Callable[[Motion], Motion]:
         return lambda motion: motion | {name: motion[name] + math.pi}
@@ -244,13 +260,13 @@ def _alternatives(system: System, sigmas: Mapping[str, float]) -> list[tuple[str
         shown = [name for name in c.signals if name in sigmas]
         if not shown:
             continue
-        result.append((f"the sign of {listed(shown)} turned", times(c.signals, -1.0)))
+        result.append((f"the sign of {listed(shown)} turned", times(c.signals, -1.0, c.name)))
         if c.units[0] == "rad":
-            result.append((f"{listed(shown)} in degrees", times(c.signals, math.pi / 180)))
+            result.append((f"{listed(shown)} in degrees", times(c.signals, math.pi / 180, c.name)))
             if c.signals[0] in shown:
                 result.append((f"{c.signals[0]} counted from the other end (pi added)", turned(c.signals[0])))
         else:
-            result.append((f"{listed(shown)} in mm", times(c.signals, 1e-3)))
+            result.append((f"{listed(shown)} in mm", times(c.signals, 1e-3, c.name)))
     for item in system.inputs:
         if item.name in sigmas:
             result.append((f"the sign of {item.name} turned", times([item.name], -1.0)))

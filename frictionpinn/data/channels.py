@@ -97,6 +97,8 @@ def slip_findings(system: System, trials: Sequence[Sampled], sigmas: dict[str, f
         for k, name in present:
             order = max(1 - k, 0)
             usual = [t for t in trials if name in t.signals]
+            if not any(t.span > 2 * w for t in usual for w in widths(usual)[:1]):
+                return []  # too short to tell
             if any(_stands_out(usual, name, sigmas[name], w, order) for w in widths(usual) if usual):
                 return []
             told.append(name)

@@ -15,6 +15,7 @@ HALF = 0.5  # less of a signal's variance explained: most of it is something els
 SURE = 5.0  # standard errors: by chance once in two million looks, and a recording is looked at some dozen times
 OFF = 1.25  # a sensor is calibrated better; what is less off is for the diagnosis (sensor_scale)
 ANOTHER = 2.0  # times the declared inertia: an undeclared payload is less, this is another mechanism or unit
+INERTIAL = 0.1  # of the force's variance: a damper's force that goes with the acceleration by more moves a mass
 NAMED = 0.05  # how closely a factor is that of a unit
 LATE = (
     0.03  # of the time in which a signal changes by its size (3 % of it is wrong at any instant): a delay that matters
@@ -52,10 +53,8 @@ class Finding:
 def named_factor(ratio: float) -> str:
     """The factor as people know it: "1000", "57.3 (degrees for radians)", else three digits."""
     size = max(abs(ratio), 1 / max(abs(ratio), 1e-300))
-    for factor, name in FACTORS.items():
-        if abs(size / factor - 1) < NAMED:
-            return name
-    return f"{size:.3g}"
+    factor = min(FACTORS, key=lambda known: abs(math.log(size / known)))
+    return FACTORS[factor] if abs(size / factor - 1) < NAMED else f"{size:.3g}"
 
 
 def unit_for(factor: float, unit: str) -> str:

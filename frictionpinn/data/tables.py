@@ -47,7 +47,9 @@ class Table:
                 where=f"{where} in {self.path}",
                 received=repr(name),
                 allowed=", ".join(self.names) or "none, the file holds no columns",
-                fix=nearest(name, self.names) or "use one of the columns present",
+                fix="there is no header row: c1 is the first column"
+                if self.names[:1] == ["c1"]
+                else nearest(name, self.names) or "use one of the columns present",
             )
         if self.names.count(base) > 1:
             raise UserError(

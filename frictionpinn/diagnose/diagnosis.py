@@ -20,7 +20,7 @@ from .contenders import surprise
 from .errors import main_signal
 from .fit import Fit
 from .select import Accepted, Refused, Selection, Settings, intervals, select
-from .verdict import Network, Unexplained, judge, train_network
+from .verdict import NO_VERDICT, Network, Unexplained, gate, judge, train_network
 
 log = logging.getLogger(__name__)
 
@@ -49,6 +49,8 @@ class Diagnosis:
         seconds: wall-clock time.
         settings: thresholds.
         network: the fallback term in the place of what no name explains, if it was asked for.
+        doubts: what keeps the verdict from having a sense, see :func:`frictionpinn.diagnose.verdict.gate`; the verdict
+            then is "no verdict".
     """
 
     verdict: str
@@ -73,6 +75,7 @@ class Diagnosis:
     before: Fit = field(repr=False)
     after: Fit = field(repr=False)
     network: Network | None = field(default=None, repr=False)
+    doubts: tuple[str, ...] = ()
 
     @property
     def main(self) -> str:
@@ -139,10 +142,12 @@ def diagnose(
     if verdict.rest is not None and network:
         fallback = train_network(bench, fit, scanned.remaining, probes, where, scanned.sigmas)
     units = {name: bench.tested.units[name] for name in fit.names}
+    doubts = tuple(gate(bench, accepted, ci95))
+    name = NO_VERDICT if doubts else verdict.name
     return Diagnosis(
-        verdict.name, accepted, refused, verdict.rest, verdict.trifle, values, ci95, units, bench.estimate,
+        name, accepted, refused, verdict.rest, verdict.trifle, values, ci95, units, bench.estimate,
         verdict.errors, verdict.scored, verdict.shares, verdict.left, scanned.sigmas, scanned.noise.coloured,
-        time.perf_counter() - began, settings, bench, selection, verdict.before, verdict.after, fallback,
+        time.perf_counter() - began, settings, bench, selection, verdict.before, verdict.after, fallback, doubts,
     )  # fmt: skip
 
 

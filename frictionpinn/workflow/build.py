@@ -163,8 +163,7 @@ def _from_files(cfg: Config, system: System) -> Recording:
     used = [name if str(column) == name else f"{name} from {column}" for name, column in columns.items()]
     told = f"columns used: {', '.join(used)}" + (f"; ignored: {few(ignored)}" if ignored else "")
     recording = replace(recording, notes=(told,))
-    return _limited(_at_one_rate(recording) if cfg.get("rate_hz") is None else recording, cfg.get("rate_hz"),
-                    cfg.get("max_samples"))  # fmt: skip
+    return _limited(recording, cfg.get("rate_hz"), cfg.get("max_samples"))
 
 
 def few(names: Sequence[str]) -> str:
@@ -172,8 +171,8 @@ def few(names: Sequence[str]) -> str:
     return ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
 
 
-def _at_one_rate(recording: Recording) -> Recording:
-    """The trials at the rate of the slowest, where they were recorded at rates that differ by more than a quarter."""
+def at_one_rate(recording: Recording) -> Recording:
+    """The trials at the slowest one's rate, where theirs differ by more than a quarter: networks count samples."""
     rates = [1.0 / float(np.median(np.diff(trial.t))) for trial in recording.trials]
     if max(rates) < OFF * min(rates):
         return recording

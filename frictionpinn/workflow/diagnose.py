@@ -90,6 +90,8 @@ def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out:
     write_page(folder / "report.html", result, headline(d), mathml, paths)
     dashboard(folder / "tensorboard", d, paths)
     log.info(headline(d))
+    for sentence in d.declared.advice:
+        log.info(f"  the declared model's fit: {sentence}")
     for effect in result["effects"]:
         for name, p in effect["parameters"].items():
             log.info(f"  {effect['name']}: {name} = {p['value']:.4g} {p['unit']} [{span(p['ci95'])}]")
@@ -127,6 +129,8 @@ def as_dict(d: Diagnosis) -> dict[str, Any]:
     main = {key: value for key, value in d.errors[d.main].items() if key != "relative"}
     return {
         "verdict": d.verdict,
+        "doubts": list(d.doubts),
+        "advice": list(d.declared.advice),
         "model": {"system": system.title, "friction": d.bench.mechanism.law.name,
                   "declared": [e.name for e in d.bench.mechanism.effects]},
         "effects": effects,

@@ -75,7 +75,7 @@ def assumptions(system: System, recording: Recording, free: Collection[str] = ()
     lines = [f"assumed: {', '.join(values)} (system.parameters)"] if values else []
     lines += list(recording.notes) or [f"signals used: {', '.join(n for n in system.signal_units if n in present)}"]
     derived = [n for c in system.moving for n in c.signals if n and n not in present]
-    zero = [item.name for item in system.inputs if item.name not in present]
+    zero = [item.name for item in system.inputs if item.name not in present and item.symbol in system.acting]
     lines += [f"derived: {', '.join(derived)}"] if derived else []
     lines += [f"not recorded, taken as zero: {', '.join(zero)}"] if zero else []
     return lines + [note for trial in recording.trials for note in trial.notes]
