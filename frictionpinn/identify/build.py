@@ -88,7 +88,7 @@ def trial_model(
         rest: whether the trial starts at rest; else its initial velocities and bristle state are unknown, too.
         noisy: whether other inputs than motions are splines.
     """
-    mechanism, t = simulator.mechanism, np.ascontiguousarray(trial.t, dtype=float)
+    mechanism, t = simulator.mechanism, np.array(trial.t, dtype=float)  # a copy: compiled code wants to own it
     missing = np.full(len(t), np.nan)
 
     def measured(names: tuple[str, ...]) -> np.ndarray:
