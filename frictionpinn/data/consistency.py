@@ -89,7 +89,8 @@ def _through(
     A = np.stack([value, slope - slope.mean()], axis=1)
     coefficients, *_ = np.linalg.lstsq(A, rate, rcond=None)
     left = rate - A @ coefficients
-    independent = max(sum(t.span for t in parts) / width, 3.0)
+    apart = parts[0].dt / noise_gain(parts[0], width)  # s: noise through the window is independent so far apart
+    independent = max(sum(t.span for t in parts) / apart, 3.0)
     covariance = np.linalg.pinv(A.T @ A / len(rate)) * float(np.mean(left**2)) / independent
     s = coefficients[0] or 1e-300
     noise = sigmas[high] ** 2 * noise_gain(parts[0], width, 1)

@@ -31,7 +31,7 @@ from .provenance import commit, versions
 from .threads import one_thread
 from .train import quiet
 from .trajectories import build_trajectories, recorded_trajectories, transferred
-from .vet import vet, with_motion_chosen
+from .vet import vet
 
 log = logging.getLogger(__name__)
 TRACED = 15  # points of a search's way whose force error is computed
@@ -102,9 +102,6 @@ def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
     given = {} if origin is None or origin in NETWORKS else given_start(origin, mechanism)
     data = build_data(cfg, system)
     vet(cfg, system, data.recording)
-    chosen = with_motion_chosen(cfg, system, data.recording)
-    if chosen.massless:
-        mechanism = Mechanism(chosen, mechanism.law)
     recording = data.recording.select(data.splits["train"])
     if cfg["data"]["name"] == "simulated":
         trajectories = build_trajectories(transferred(cfg, None, None), system, data, {"seeds": []})
