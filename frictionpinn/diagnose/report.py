@@ -94,7 +94,8 @@ def error_in_words(d: Diagnosis) -> str:
         noise += f" ({other} {entry['noise_other']:.3g}: noise correlated in time, or a model far off)"
     count = entry.get("outliers_left_out")
     noise += f" ({count} outliers left out)" if count else ""
-    return f"Error{what} beyond the noise, {d.scored}, {entry['unit']}: {old} before, {new} after; {noise}."
+    unit = entry["unit"].replace("*", " ")
+    return f"Error{what} beyond the noise, {d.scored}, {unit}: {old} before, {new} after; {noise}."
 
 
 def number(value: float | None) -> str:

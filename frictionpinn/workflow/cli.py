@@ -74,9 +74,10 @@ def check_command_line(config_folder: Path, config_name: str, arguments: Sequenc
     try:
         overrides = OverridesParser.create().parse_overrides(texts)
     except HydraException as error:
-        raise UserError(
-            "not an override", where="command line", received=" ".join(texts), fix=str(error).splitlines()[0]
-        ) from error
+        marked = next((text for text in texts if re.search(r"=[^'\"{\[]*[\[\](){},= ]", text)), "")
+        key, _, value = marked.partition("=")
+        fix = f'quote it: "{key}={quote(value)}"' if marked else str(error).splitlines()[0]
+        raise UserError("not an override", where="command line", received=marked or " ".join(texts), fix=fix) from error
     # A preset may ask for a sweep by itself (hydra.mode).
     many = {"-m", "--multirun"} & set(arguments) or any(item.startswith("experiment=") for item in texts)
     for override in overrides:

@@ -95,7 +95,8 @@ def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out:
         log.info(f"  the declared model's fit: {sentence}")
     for effect in result["effects"]:
         for name, p in effect["parameters"].items():
-            log.info(f"  {effect['name']}: {name} = {p['value']:.4g} {p['unit']} [{span(p['ci95'])}]")
+            unit = "" if p["unit"] == "1" else f" {p['unit'].replace('*', ' ')}"
+            log.info(f"  {effect['name']}: {name} = {p['value']:.4g}{unit} [{span(p['ci95'])}]")
     if d.network is not None:
         error = result["unexplained"]["network"]["error"]
         log.info(

@@ -73,6 +73,8 @@ def assumptions(system: System, recording: Recording, free: Collection[str] = ()
     known = [(par.name, system.values[par.name], par.unit.replace("*", " ")) for par in system.parameters]
     values = [f"{name} = {value:g} {unit}" for name, value, unit in known if name not in free]
     lines = [f"assumed: {', '.join(values)} (system.parameters)"] if values else []
+    if system.values.get("preload") == 1.0:
+        lines[-1] += f"; mu_c and mu_s read in {system.force_unit.replace('*', ' ')}: the preload is 1"
     lines += list(recording.notes) or [f"signals used: {', '.join(n for n in system.signal_units if n in present)}"]
     derived = [n for c in system.moving for n in c.signals if n and n not in present]
     zero = [item.name for item in system.inputs if item.name not in present and item.symbol in system.acting]

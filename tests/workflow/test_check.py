@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from commands import call
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from wrong_log_kinds import measured_folder
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
@@ -166,6 +170,25 @@ def test_a_file_without_a_header_is_read_by_the_places_of_its_columns(tmp_path):
     cfg = default_config([*options, "data.columns={t: c1, v: c3, force: c4}"], "check")
     recording = build_recording(cfg["data"], build_system(cfg["system"]))
     assert len(recording) == 300 and "ignored: c2" in recording.notes[0]
+
+
+def test_brackets_in_a_path_are_told_to_be_quoted():
+    with pytest.raises(UserError, match=r"is data.path=run\[1\].csv; quote it: .data.path='run\[1\].csv'"):
+        cli.check_command_line(ROOT / "conf", "check", ["data.path=run[1].csv"])
+    cli.check_command_line(ROOT / "conf", "check", ["data.path='run[1].csv'"])
+
+
+def test_the_recordings_of_an_arm_are_read_as_they_are():
+    if measured_folder() is None:
+        pytest.skip("the measured recordings are not on this machine (FRICTIONPINN_DATA)")
+    files = sorted((measured_folder() / "ur10e").glob("*.csv.gz"))
+    assert len(files) == 7
+    for file in files:
+        columns = "data.columns={t: c1, theta: c3, omega: c9, tau: c15}"
+        cfg = default_config(["system=joint", f"data.path='{file}'", columns, "data.gains={tau: 13.26}"], "check")
+        recording = build_recording(cfg["data"], build_system(cfg["system"]))
+        assert len(recording) > 3000
+        assert any("sampled unequally" in note for trial in recording.trials for note in trial.notes)
 
 
 def test_a_start_that_cannot_be_simulated_names_the_culprit():
