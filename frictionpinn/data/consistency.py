@@ -248,9 +248,10 @@ def _off(name: str, factor: float, units: dict[str, str], than: str, unless: str
 
 
 def _late(name: str, lag: float, than: str) -> Finding:
+    """A delay; not grave, nor is an offset: a diagnosis can name them (sensor_delay, sensor_bias)."""
     how = "late" if lag > 0 else "early"
     return Finding(f"{name} comes {1e3 * abs(lag):.3g} ms {how}, compared with {than}",
-                   "record without that filter, shift the column, or leave it out", grave=True)  # fmt: skip
+                   "record without that filter, shift the column, or leave it out")  # fmt: skip
 
 
 def _offset(pair: Pair, r: Relation, units: dict[str, str]) -> list[Finding]:
@@ -259,4 +260,4 @@ def _offset(pair: Pair, r: Relation, units: dict[str, str]) -> list[Finding]:
         return []
     low, high = pair
     return [Finding(f"{high} has an offset of {abs(r.offset):.2g} times its variation, compared with the rate of {low}",
-                    "take it off (an accelerometer that shows gravity, a gyroscope's bias)", grave=True)]  # fmt: skip
+                    "take it off (an accelerometer that shows gravity, a gyroscope's bias)")]  # fmt: skip

@@ -32,6 +32,6 @@ def inspect(recording: Recording, system: System, inertia_free: bool = False) ->
     findings += still
     if not still:
         findings += (rates := derivative_findings(system, trials, sigmas))
-        if not any(f.grave for f in (*rates, *findings)):
+        if not rates and not any(f.grave for f in findings):
             findings += balance_findings(system, trials, sigmas, inertia_free)
     return sorted(findings, key=lambda f: not f.grave)
