@@ -24,6 +24,7 @@ PATHS = {
     "sdob": {"y": 0.21 + 0.02 * sp.sin(9 * TIME), "force": 9 * sp.sin(7 * TIME)},
     "drive": {"force": sp.sin(7 * TIME)},
     "pendulum": {"tau": 6 * sp.sin(7 * TIME)},
+    "joint": {"tau": 6 * sp.sin(7 * TIME)},
     "damper": {"x": 0.01 * sp.sin(9 * TIME)},
 }
 ALL = [(system, law) for system in SYSTEMS for law in LAWS]

@@ -20,6 +20,7 @@ from ..workflow.configs import written
 from ..workflow.diagnose import examine
 from ..workflow.estimate import estimate
 from ..workflow.options import composed
+from ..workflow.vet import admit
 
 Values = Mapping[str, float] | Estimate
 
@@ -31,6 +32,7 @@ def fit(
     method: str = "maximum_likelihood",
     start: Mapping[str, float] | str | None = None,
     seed: int = 0,
+    check: str = "refuse",
     **options: Any,
 ) -> Estimate:
     """Estimate the parameters of a mechanism's friction law, and of effects that ``free`` names.
@@ -41,6 +43,7 @@ def fit(
         method: "maximum_likelihood", "least_squares", "nelder_mead", "genetic", "pe1" or "pe2".
         start: start values by name, SI units; "pe1" or "pe2"; or the folder of a training. Without, from the data.
         seed: of what is random.
+        check: "refuse" a recording that :func:`check` finds wrong, or "warn" and go on.
         options: as in the configurations: ``free``, ``fixed={"v_s": 1e-3}``, ``bounds={"mu_c": [0.1, 0.5]}``,
             ``sigmas`` (noise standard deviations by signal), ``inputs``, ``initial``, ``windows`` (s), ``loss``; of
             networks ``epochs``, of searches ``simulations``.
@@ -49,7 +52,8 @@ def fit(
         Values, 95 % intervals and covariance (n, n), SI units, and in words what the recording does not tell.
 
     Raises:
-        UserError: names, bounds or signals that do not fit; a model that cannot be simulated on these data.
+        UserError: a recording that contradicts itself or the system; names, bounds or signals that do not fit; a model
+            that cannot be simulated on these data.
 
     Examples:
         >>> import frictionpinn as fp
@@ -62,6 +66,7 @@ def fit(
     """
     extensions.load()
     _known("fit", options, [*_parameters_of(Problem.__init__)[3:], "epochs", "simulations"])
+    admit(mechanism.system, recording, check, options.get("free") or ())
     return estimate(method, mechanism, recording, start=start, seed=seed, **options)
 
 
@@ -101,6 +106,7 @@ def diagnose(
     start: Mapping[str, float] | None = None,
     bounds: Mapping[str, Sequence[float]] | None = None,
     fixed: Mapping[str, float] | None = None,
+    check: str = "refuse",
     **options: Any,
 ) -> Diagnosis:
     """What a declared model lacks in a recording: effects with their sizes, or the variable on which the rest depends.
@@ -110,6 +116,7 @@ def diagnose(
         recording: what was measured, SI units.
         held_out: names of trials that no fit sees; by default the last, or the end of the only one.
         start, bounds, fixed: of the parameters of the declared model, by name, SI units.
+        check: "refuse" a recording that :func:`check` finds wrong, or "warn" and go on.
         options: as in the section ``diagnose`` of conf/diagnose.yaml: ``effects=["drag", "delay"]``, ``worth``,
             ``most``, ``log10_p``, ``fallback``, ``free``, ``signals``, ``inputs``, ``initial``, ``windows``, ``loss``.
 
@@ -117,7 +124,8 @@ def diagnose(
         The verdict with its evidence; ``.save(folder)`` writes the page and the augmented model.
 
     Raises:
-        UserError: options that there are not; a declared model that cannot be fitted.
+        UserError: a recording that contradicts itself or the system; options that there are not; a declared model that
+            cannot be fitted.
 
     Examples:
         >>> import frictionpinn as fp
@@ -135,6 +143,7 @@ def diagnose(
     defaults = composed("diagnose", ["data.path=recording"])
     _known("diagnose", options, [key for key in defaults["diagnose"] if key != "declared"])
     cfg = composed("diagnose", ["data.path=recording", *(f"diagnose.{k}={written(v)}" for k, v in options.items())])
+    admit(system, recording, check, cfg["diagnose"]["free"] or ())
     cfg["diagnose"]["declared"] = [effect.name for effect in mechanism.effects]
     cfg["data"] |= {"held_out": None if held_out is None else list(held_out)}
     cfg["system"] = {"name": system.name, "equations": system.equations, "parameters": dict(system.values)}
@@ -144,7 +153,12 @@ def diagnose(
 
 
 def online(
-    mechanism: Mechanism, parameters: Values, recording: Recording, *, adapt: Mapping[str, float] | None = None
+    mechanism: Mechanism,
+    parameters: Values,
+    recording: Recording,
+    *,
+    adapt: Mapping[str, float] | None = None,
+    check: str = "refuse",
 ) -> OnlineEstimator:
     """An estimator of the friction force for a controller: one sample at a time, causal, with a 95 % interval.
 
@@ -153,12 +167,13 @@ def online(
         parameters: by name, SI units, or an estimate.
         recording: training trials, from which noise levels and the smoothness of the inputs are taken.
         adapt: parameters that the surface may change -> relative change per square root of a second of sliding.
+        check: "refuse" a recording that :func:`check` finds wrong, or "warn" and go on.
 
     Returns:
         An object with ``update(t, {signal: value})``, t in s, which returns force, low, high and status.
 
     Raises:
-        UserError: a parameter without a value, an effect on sensors.
+        UserError: a recording that contradicts itself or the system; a parameter without a value, an effect on sensors.
 
     Examples:
         >>> import frictionpinn as fp
@@ -170,6 +185,7 @@ def online(
         >>> reading.status, reading.low < reading.force < reading.high
         ('ok', True)
     """
+    admit(mechanism.system, recording, check)
     return OnlineEstimator.fit(mechanism, _values(parameters), recording, adapt)
 
 

@@ -18,7 +18,7 @@ def systems() -> Table:
     Examples:
         >>> import frictionpinn as fp
         >>> fp.systems().names
-        ['pob', 'sdob', 'drive', 'pendulum', 'damper']
+        ['pob', 'sdob', 'drive', 'pendulum', 'joint', 'damper']
     """
     extensions.load()
     rows = []

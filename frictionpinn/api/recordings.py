@@ -9,7 +9,6 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from ..data.check import check_recording, check_trial
 from ..data.noise import GaussianNoise, Noise
 from ..data.recording import Recording
 from ..data.simulated import check_truth, simulate_trials
@@ -19,6 +18,7 @@ from ..physics.mechanism import Mechanism
 from ..show import Shown, Table, readable_unit
 from ..workflow.build import build_recording
 from ..workflow.configs import CONF
+from ..workflow.vet import assumptions, findings_of, in_words
 
 Paths = str | os.PathLike | Iterable[str | os.PathLike]
 
@@ -104,7 +104,8 @@ class Check(Shown):
 
     Attributes:
         recording, system: what was checked, and what it is said to be of.
-        findings: what speaks against it, a sentence each; none where nothing does.
+        findings: what speaks against it, a sentence each: "wrong: ..." is refused by a fit, "odd: ..." is not; none
+            where nothing does.
     """
 
     recording: Recording
@@ -116,14 +117,18 @@ class Check(Shown):
         """Whether nothing speaks against the recording."""
         return not self.findings
 
+    @property
+    def assumptions(self) -> list[str]:
+        """Parameters in force, signals used, derived and taken as zero, what was mended, a sentence each."""
+        return assumptions(self.system, self.recording)
+
     def tables(self) -> list[Table]:
         """Findings, and every signal of the system: where it comes from."""
         present = set().union(*(trial.signals for trial in self.recording.trials))
         units = {name: unit for name, unit in self.system.signal_units.items() if name != "t"}
         rows = [(n, readable_unit(u), "recorded" if n in present else "missing: derived, or not compared")
                 for n, u in units.items()]  # fmt: skip
-        assumed = ", ".join(f"{p.name} = {self.system.values[p.name]:g} {p.unit}" for p in self.system.parameters)
-        notes = (*(self.findings or ("nothing speaks against this recording",)), f"assumed: {assumed}")
+        notes = (*(self.findings or ("nothing speaks against this recording",)), *self.assumptions)
         return [Table(("signal", "unit", ""), tuple(rows), f"check of {self.recording.source}", notes)]
 
     def figures(self) -> dict[str, Any]:
@@ -132,8 +137,8 @@ class Check(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Findings and assumptions."""
-        return {"ok": self.ok, "findings": list(self.findings), "system": self.system.name,
-                "parameters": dict(self.system.values)}  # fmt: skip
+        return {"ok": self.ok, "findings": list(self.findings), "assumptions": self.assumptions,
+                "system": self.system.name, "parameters": dict(self.system.values)}  # fmt: skip
 
 
 def check(recording: Recording, system: System) -> Check:
@@ -143,6 +148,8 @@ def check(recording: Recording, system: System) -> Check:
         recording: SI units.
         system: what it is said to be of.
 
+    ``fit``, ``diagnose``, ``online`` and ``train`` do it, too, and refuse what is wrong.
+
     Examples:
         >>> import frictionpinn as fp
         >>> drive = fp.system("drive", M=2.0)
@@ -151,19 +158,4 @@ def check(recording: Recording, system: System) -> Check:
         True
     """
     extensions.load()
-    return Check(recording, system, tuple(_findings(recording, system)))
-
-
-def _findings(recording: Recording, system: System) -> list[str]:
-    found = []
-    for trial in recording.trials:
-        try:
-            check_trial(trial, recording.source)
-        except UserError as error:
-            found.append(str(error))
-    try:
-        names = [n for n in system.signal_units if any(n in trial.signals for trial in recording.trials)]
-        check_recording(recording, recording.source, names)
-    except UserError as error:
-        found.append(str(error))
-    return found
+    return Check(recording, system, tuple(in_words(finding) for finding in findings_of(system, recording)))

@@ -104,6 +104,7 @@ def train(
     model: str = "pe2",
     folder: str | Path | None = None,
     config_dir: str | Path | None = None,
+    check: str = "refuse",
     **options: Any,
 ) -> Run:
     """Train a friction model through the equation of motion.
@@ -114,6 +115,7 @@ def train(
         model: "bb1", "bb2" the force itself; "pe1", "pe2" bristle state and the law's parameters.
         folder: of the run; None: under outputs/, as the command.
         config_dir: a folder of your own with further configurations.
+        check: "refuse" a recording that :func:`frictionpinn.check` finds wrong, or "warn" and go on.
         options: as on the command line: ``seed=1``, ``noise="none"``, ``trainer={"max_epochs": 300}``, ``refine=True``,
             ``data={"held_out": ["3"]}``; a key with dots as ``**{"model.network.width": 64}``.
 
@@ -138,7 +140,7 @@ def train(
     if mechanism is not None:
         overrides = [*_declared(mechanism), *overrides]
     if recording is not None:
-        overrides = ["data=csv", "data.path=recording", *overrides]
+        overrides = ["data=csv", "data.path=recording", f"data.check={check}", *overrides]
     cfg = with_extensions(composed("train", overrides, config_dir))
     folder = Path(folder) if folder is not None else _new_folder(overrides, config_dir)
     folder.mkdir(parents=True, exist_ok=True)

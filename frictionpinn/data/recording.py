@@ -31,6 +31,7 @@ class Trial:
         truth: noise-free signals and forces of simulated data, for scoring alone; empty for measured data.
         start: time of the session at the first sample, s; None: its recording tells, see :class:`Recording`.
         number: place among the trials of the session, from 1; None: its recording tells.
+        notes: what was done to it when it was read, a sentence each.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Trial:
     truth: dict[str, np.ndarray] = field(default_factory=dict)
     start: float | None = None
     number: int | None = None
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.t)
@@ -91,12 +93,14 @@ class Recording(Shown):
         units: signal name -> SI unit as text ("m/s").
         source: where it came from, for reports.
         checksum: sha256 of the data, for ``result.json``.
+        notes: how it was read: columns used, ignored and derived.
     """
 
     trials: tuple[Trial, ...]
     units: dict[str, str]
     source: str = ""
     checksum: str = ""
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self):
         object.__setattr__(self, "trials", tuple(_placed(self.trials)))
@@ -152,8 +156,9 @@ class Recording(Shown):
             signals.append((name, readable_unit(self.units.get(name, "")), *ends))
         count = f"{len(self.trials)} trial{'s' if len(self.trials) != 1 else ''}"
         title = f"{self.source or 'recording'}: {len(self)} samples of {count}"
+        notes = (*self.notes, *(note for trial in self.trials for note in trial.notes))
         return [
-            Table(("trial", "samples", "length (s)", "rate (Hz)"), tuple(trials), title),
+            Table(("trial", "samples", "length (s)", "rate (Hz)"), tuple(trials), title, notes),
             Table(("signal", "unit", "smallest", "largest"), tuple(signals)),
         ]
 

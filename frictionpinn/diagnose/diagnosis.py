@@ -22,7 +22,7 @@ from .contenders import surprise
 from .errors import main_signal
 from .fit import Fit
 from .select import Accepted, Refused, Selection, Settings, intervals, select
-from .verdict import Network, Unexplained, judge, train_network
+from .verdict import NO_VERDICT, Network, Unexplained, gate, judge, train_network
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,6 +56,8 @@ class Diagnosis(Shown):
         network: the fallback term in the place of what no name explains, if it was asked for.
         fitted, held_out: the trials of both kinds.
         config: the options of the diagnosis, for its report.
+        doubts: what keeps the verdict from having a sense, see :func:`frictionpinn.diagnose.verdict.gate`; the verdict
+            then is "no verdict".
     """
 
     verdict: str
@@ -83,6 +85,7 @@ class Diagnosis(Shown):
     fitted: Recording = field(default_factory=lambda: Recording((), {}))
     held_out: Recording = field(default_factory=lambda: Recording((), {}))
     config: dict[str, Any] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()
 
     @property
     def main(self) -> str:
@@ -185,11 +188,13 @@ def diagnose(
     if verdict.rest is not None and network:
         fallback = train_network(bench, fit, scanned.remaining, probes, where, scanned.sigmas)
     units = {name: bench.tested.units[name] for name in fit.names}
+    doubts = tuple(gate(bench, accepted, ci95))
+    name = NO_VERDICT if doubts else verdict.name
     return Diagnosis(
-        verdict.name, accepted, refused, verdict.rest, verdict.trifle, values, ci95, units, bench.estimate,
+        name, accepted, refused, verdict.rest, verdict.trifle, values, ci95, units, bench.estimate,
         verdict.errors, verdict.scored, verdict.shares, verdict.left, scanned.sigmas, scanned.noise.coloured,
         time.perf_counter() - began, settings, bench, selection, verdict.before, verdict.after, fallback, fitted,
-        held_out,
+        held_out, doubts=doubts,
     )  # fmt: skip
 
 

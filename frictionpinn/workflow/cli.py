@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from .. import __version__
 from ..errors import Interrupted, UserError, unwritable
-from .configs import CONF, Configs
+from .configs import CONF, Configs, written
 from .options import check_command_line, output_folder, parsed
 
 USER_ERROR, INTERRUPTED = 2, 130
@@ -53,7 +53,7 @@ def saved_friction(arguments: list[str]) -> list[str]:
     given = [a for a in arguments if a.startswith("friction=") and a.endswith((".yaml", ".yml"))]
     if not given:
         return arguments
-    from ..diagnose.augmented import load_augmented
+    from ..diagnose.augmented import data_of, load_augmented
 
     path = Path(given[0].partition("=")[2]).resolve()
     mechanism, _ = load_augmented(path)
@@ -62,7 +62,16 @@ def saved_friction(arguments: list[str]) -> list[str]:
         raise UserError("friction model of another system", where="friction", received=f"{path.name} with {other}",
                         allowed=f"system={name}", fix=f"say system={name}")  # fmt: skip
     rest = [a for a in arguments if a != given[0] and not a.startswith("system=")]
-    return [*rest, f"system={name}", f"friction={mechanism.law.name}", f"+system.augmented='{path}'"]
+    own = [] if any(a.startswith("data=") for a in arguments) else _recording(data_of(path), rest)
+    return [*rest, *own, f"system={name}", f"friction={mechanism.law.name}", f"+system.augmented='{path}'"]
+
+
+def _recording(data: Mapping[str, object], given: Sequence[str]) -> list[str]:
+    """Options of a recording as the command line has them; those that are given already are left out."""
+    table = {f"data.{key}": value for key, value in data.items() if key not in ("name", "for_system")}
+    taken = {item.partition("=")[0] for item in given}
+    told = [f"{key}={written(value)}" for key, value in table.items() if key not in taken and value is not None]
+    return [f"data={data['name']}", *told] if data else []
 
 
 def run(main: Callable[[], None], name: str, failures: list[BaseException]) -> None:

@@ -52,6 +52,10 @@ def _evaluate(cfg: dict[str, Any], folder: Path) -> Any:
 
 # Name, which is that of a file in conf/, -> what it does. A new command is one file there and one line here.
 COMMANDS: dict[str, tuple[str, Act]] = {
+    "check": (
+        "what is assumed of a recording, what speaks against it",
+        _later("workflow.check", "check", with_folder=False),
+    ),
     "train": ("learn a friction model from a recording", _train),
     "evaluate": ("a trained model online and in simulation, and its export", _evaluate),
     "identify": ("parameters of a friction law, by several estimators", _later("workflow.identify", "identify")),

@@ -17,7 +17,7 @@ from ..diagnose.diagnosis import Diagnosis
 from ..diagnose.diagnosis import diagnose as run_diagnosis
 from ..diagnose.report import draw, equations, headline, in_latex, in_mathml, span, write_page
 from ..diagnose.select import Settings
-from ..diagnose.verdict import FOUND, PARTLY, UNEXPLAINED
+from ..diagnose.verdict import FOUND, NO_VERDICT, PARTLY, UNEXPLAINED
 from ..errors import UserError, choose
 from ..identify.result import plain
 from ..physics import LAWS
@@ -27,6 +27,7 @@ from .build import Config, build_noise, build_recording, build_system, check_pai
 from .configs import called
 from .manifest import write_json
 from .provenance import commit, versions
+from .vet import vet, with_motion_chosen
 
 log = logging.getLogger(__name__)
 
@@ -51,6 +52,9 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
     system = build_system(cfg["system"])
     law = choose(cfg["friction"]["name"], LAWS, "friction")()
     recording = build_noise(cfg["noise"])(build_recording(cfg["data"], system), seed_of(cfg))
+    vet(cfg, system, recording, options["free"] or ())
+    if not law.memory:  # noise in a velocity at rest moves a bristle, which a simulated motion does not
+        system = with_motion_chosen(cfg, system, recording)
     return report(examine(cfg, Mechanism(system, law, tuple(options["declared"])), recording), cfg, folder)
 
 
@@ -84,7 +88,7 @@ def examine(cfg: Config, mechanism: Mechanism, recording: Recording) -> Diagnosi
 def report(d: Diagnosis, cfg: Config, folder: Path) -> dict[str, Any]:
     """Write result.json, figures, the page, TensorBoard and the augmented model."""
     folder.mkdir(parents=True, exist_ok=True)
-    augmented = save_augmented(folder / "augmented.yaml", d)
+    augmented = save_augmented(folder / "augmented.yaml", d, cfg["data"])
     result = as_dict(d) | {
         "data": {
             "source": d.fitted.source, "sha256": d.fitted.checksum, "fitted": list(d.fitted.names),
@@ -104,9 +108,12 @@ def report(d: Diagnosis, cfg: Config, folder: Path) -> dict[str, Any]:
     write_page(folder / "report.html", result, headline(d), mathml, paths)
     dashboard(folder / "tensorboard", d, paths)
     log.info(headline(d))
+    for sentence in d.declared.advice:
+        log.info(f"  the declared model's fit: {sentence}")
     for effect in result["effects"]:
         for name, p in effect["parameters"].items():
-            log.info(f"  {effect['name']}: {name} = {p['value']:.4g} {p['unit']} [{span(p['ci95'])}]")
+            unit = "" if p["unit"] == "1" else f" {p['unit'].replace('*', ' ')}"
+            log.info(f"  {effect['name']}: {name} = {p['value']:.4g}{unit} [{span(p['ci95'])}]")
     if d.network is not None:
         error = result["unexplained"]["network"]["error"]
         log.info(
@@ -124,6 +131,8 @@ def next_step(d: Diagnosis, folder: Path) -> str:
         model = "pe2" if d.bench.mechanism.law.memory else "bb1"
         path = os.path.relpath(folder / "augmented.yaml")
         return f"{called('train')} model={model} friction={path} learns the law beside them"
+    if d.verdict == NO_VERDICT:
+        return f"record what the doubts ask for; {called('check')} says what the recording holds"
     if d.verdict == UNEXPLAINED:
         return f"{called('diagnose')} with diagnose.fallback=network puts a network in the place of the rest"
     return f"the model is complete as far as this recording tells; {os.path.relpath(folder)}/report.html shows it"
@@ -153,6 +162,8 @@ def as_dict(d: Diagnosis) -> dict[str, Any]:
     main = {key: value for key, value in d.errors[d.main].items() if key != "relative"}
     return {
         "verdict": d.verdict,
+        "doubts": list(d.doubts),
+        "advice": list(d.declared.advice),
         "model": {"system": system.title, "friction": d.bench.mechanism.law.name,
                   "declared": [e.name for e in d.bench.mechanism.effects]},
         "effects": effects,
@@ -238,6 +249,9 @@ def _given(table: Any) -> dict[str, Any]:
 def checked(cfg: Config) -> dict[str, Any]:
     """The section ``diagnose``, its names and numbers checked."""
     options = dict(cfg["diagnose"])
+    if cfg["smoothing"]["name"] != "none":
+        raise UserError("a diagnosis does not smooth: it estimates the motion with the parameters", where="smoothing",
+                        received=cfg["smoothing"]["name"], allowed="none", fix="leave smoothing= out")  # fmt: skip
     for key in ("effects", "declared"):
         names = options[key]
         if key == "effects" and names == "all":

@@ -33,6 +33,7 @@ from .provenance import commit, versions
 from .threads import one_thread, silent
 from .train import quiet
 from .trajectories import build_trajectories, recorded_trajectories, transferred
+from .vet import vet
 
 log = logging.getLogger(__name__)
 TRACED = 15  # points of a search's way whose force error is computed
@@ -104,6 +105,7 @@ def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
     origin = cfg["start"]
     given = {} if origin is None or origin in NETWORKS else given_start(origin, mechanism)
     data = build_data(cfg, system)
+    vet(cfg, system, data.recording)
     recording = data.recording.select(data.splits["train"])
     if cfg["data"]["name"] == "simulated":
         trajectories = build_trajectories(transferred(cfg, None, None), system, data, {"seeds": []})

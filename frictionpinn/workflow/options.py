@@ -18,7 +18,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from ..errors import UserError, nearest
-from .configs import CONF, Configs, called
+from .configs import CONF, Configs, called, quote
 from .manifest import check_free
 
 
@@ -65,9 +65,10 @@ def _check(configs: Configs, texts: list[str], many: bool) -> None:
     try:
         overrides = OverridesParser.create().parse_overrides(texts)
     except HydraException as error:
-        raise UserError(
-            "not an override", where="command line", received=" ".join(texts), fix=str(error).splitlines()[0]
-        ) from error
+        marked = next((text for text in texts if re.search(r"=[^'\"{\[]*[\[\](){},= ]", text)), "")
+        key, _, value = marked.partition("=")
+        fix = f'quote it: "{key}={quote(value)}"' if marked else str(error).splitlines()[0]
+        raise UserError("not an override", where="command line", received=marked or " ".join(texts), fix=fix) from error
     for override in overrides:
         if override.is_sweep_override() and not many:
             raise UserError(

@@ -31,6 +31,7 @@ from .manifest import check_free, write_json
 from .refine import check_refinable, refine
 from .result import parameters, report, summarise
 from .rollout import check_rollout, rollout
+from .vet import vet
 
 log = logging.getLogger(__name__)
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # M_TRIM_THRESHOLD and M_MMAP_THRESHOLD of glibc's malloc.h
@@ -71,6 +72,7 @@ def _train(cfg: Config, folder: Path) -> dict[str, Any]:
     announce_compilation(cfg)
     system = build_system(cfg["system"])
     data, model = prepare(cfg, system)
+    vet(cfg, system, data.recording)
     step = None
     if cfg.get("ckpt_path"):
         checkpoint = load_checkpoint(cfg["ckpt_path"], "ckpt_path")
