@@ -17,8 +17,8 @@ def systems() -> Table:
 
     Examples:
         >>> import frictionpinn as fp
-        >>> fp.systems().names
-        ['pob', 'sdob', 'drive', 'pendulum', 'joint', 'damper']
+        >>> fp.systems().to_dict()["joint"]["signals"]
+        't (s), theta (rad), omega (rad/s), alpha (rad/s²), tau (N m)'
     """
     extensions.load()
     rows = []

@@ -17,7 +17,7 @@ from scipy.ndimage import minimum_filter1d
 from ..numerics.motion_function import motion_function
 from ..physics import System
 from .filters import FEWEST, Sampled, clear, filtered, noise_gain, widths
-from .findings import ANOTHER, CLEAR, HALF, INERTIAL, OFF, SURE, Finding, listed, named_factor
+from .findings import ANOTHER, CLEAR, EXPLAINED, HALF, INERTIAL, OFF, SURE, Finding, listed, named_factor
 
 SLIDING = 0.15  # of the largest slip velocity: faster counts as sliding, as in frictionpinn.identify.motion
 Motion = dict[str, np.ndarray]
@@ -91,7 +91,7 @@ def balance_findings(
     better = []
     for name, change in _alternatives(system, sigmas):
         other = rows([change(motion) for motion in motions])
-        if other is not None and other.fits and other.share > 0.8 and 1 - other.share < 0.5 * (1 - found.share) + 0.1:
+        if other is not None and other.fits and other.share > EXPLAINED:
             better.append((other.share, name))
     ranked = [name for _, name in sorted(better, reverse=True)[:3]]
     fix = f"they fit with {' or with '.join(ranked)}" if ranked else ""
@@ -124,7 +124,7 @@ def _missing_forces(system: System, motions: Sequence[Motion], found: Balance) -
     names = tuple(par.name for par in system.parameters if par.neutral is not None and system.values[par.name] == 0)
     rows = _rows(system, names) if names else None
     other = rows(motions) if rows is not None else None
-    if other is None or other.drives or 1 - other.share > 0.5 * (1 - found.share):
+    if other is None or other.drives or 1 - other.share > HALF * (1 - found.share):
         return None
     now: dict[str, float] = {
         n: v for n, v in system.values.items() if v is not None and (n in names or _inertial(system, n))
@@ -217,7 +217,7 @@ def _rows(system: System, forces: tuple[str, ...] = ()) -> Callable[[Sequence[Mo
         if np.any(own) and not float(np.mean(noise)) < (1 - CLEAR) * float(np.mean(own**2)):
             return None  # noise in the acceleration would take inertia away
         independent = float(weight.sum())
-        if independent < 10 or not np.var(drive) > 0:
+        if independent < 10 or not np.var(drive) > 0:  # two looks for each of five unknowns
             return None
         dry, viscous = -j * N * np.sign(v), -j * v
         A = np.stack([-own if np.any(own) else -j * a, dry, viscous, -j, *(-column for column in further)], axis=1)

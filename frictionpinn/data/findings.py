@@ -11,10 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 CLEAR = 0.9  # share of a filtered signal's variance that is no noise: relations of such signals err by a few per cent
-HALF = 0.5  # less of a signal's variance explained: most of it is something else
+HALF = 0.5  # less of a variance explained, or of what was left: most of it is something else
 SURE = 5.0  # standard errors: by chance once in two million looks, and a recording is looked at some dozen times
 OFF = 1.25  # a sensor is calibrated better; what is less off is for the diagnosis (sensor_scale)
 ANOTHER = 2.0  # times the declared inertia: an undeclared payload is less, this is another mechanism or unit
+EXPLAINED = 0.8  # of the driving force: friction that is neither dry nor viscous, and noise, leave up to a fifth
 INERTIAL = 0.1  # of the force's variance: a damper's force that goes with the acceleration by more moves a mass
 NAMED = 0.05  # how closely a factor is that of a unit
 LATE = (

@@ -159,4 +159,22 @@ def test_a_mistake_is_told_in_one_line(model, log, workdir, call, said):
 def test_a_check_tells_a_constant_signal(model, log):
     still = [trial.with_signals(v=np.zeros(len(trial))) for trial in log.trials]
     found = fp.check(type(log)(tuple(still), log.units, "still"), model.system)
-    assert not found.ok and "signal 'v' is 0" in found.findings[0] and "never changes" in repr(found)
+    assert not found.ok and "wrong: v is 0 in every row" in found.findings[0] and "leave the column out" in repr(found)
+
+
+def test_no_function_learns_from_a_log_that_contradicts_itself(model, log, workdir, caplog):
+    wrong = type(log)(tuple(t.with_signals(a=-t.signals["a"]) for t in log.trials), log.units, "log")
+    for learn in (
+        lambda: fp.fit(model, wrong),
+        lambda: fp.diagnose(model, wrong),
+        lambda: fp.online(model, VALUES, wrong),
+        lambda: fp.train(fp.mechanism(model.system), wrong, model="bb1"),
+    ):
+        with pytest.raises(fp.UserError, match="no answer from this recording has a sense: a has its sign turned"):
+            learn()
+    assert "wrong: a has its sign turned" in repr(fp.check(wrong, model.system))
+    fp.online(model, VALUES, wrong, check="warn")
+    assert "wrong: a has its sign turned" in caplog.text
+    holes = type(log)(tuple(t.with_signals(a=np.full(len(t), np.nan)) for t in log.trials), log.units, "log")
+    with pytest.raises(fp.UserError, match="missing value: log, column 'a', data row 1"):
+        fp.fit(model, holes)

@@ -149,12 +149,12 @@ def told(d: Diagnosis) -> str:
     return f"{d.verdict}: {added}, {d.values}, {d.ci95}"
 
 
-def test_every_effect_every_system_and_every_law_has_a_case():
+def test_every_effect_has_a_case_and_every_system_and_law_that_has_one_has_two():
     assert {owner(bed, main) for bed, main, _ in CASES} == set(EFFECTS)
     beds = [BEDS[bed] for bed, _, _ in CASES]
-    for table, used in ((SYSTEMS, [b.system for b in beds]), (LAWS, [b.law for b in beds])):
-        assert all(used.count(name) >= 2 for name in table)
-    assert {BEDS[bed].system for bed in CLEAN} == set(SYSTEMS)
+    for used in ([b.system for b in beds], [b.law for b in beds]):  # those of your own may have none
+        assert all(used.count(name) >= 2 for name in used)
+    assert {BEDS[bed].system for bed in CLEAN} == {b.system for b in beds}
 
 
 @pytest.mark.parametrize(

@@ -70,9 +70,12 @@ def test_the_fixes_that_are_told_mend_the_recording(tmp_path):
     assert done.returncode == 0 and "nothing speaks against" in done.stdout
 
 
-def test_a_diagnosis_of_a_wrong_recording_is_refused_before_any_fit(tmp_path):
+@pytest.mark.parametrize(
+    ("script", "further"), [("diagnose.py", []), ("identify.py", ["bounds=data"]), ("train.py", [])]
+)
+def test_a_wrong_recording_is_refused_before_any_fit(tmp_path, script, further):
     path = written(tmp_path, drive().assign(a=lambda d: -d.a))
-    done = call("diagnose.py", "system=drive", f"data.path={path}", cwd=tmp_path, timeout=60)
+    done = call(script, "system=drive", "data=csv", f"data.path={path}", *further, cwd=tmp_path, timeout=60)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert "no answer from this recording has a sense: a has its sign turned" in line and "data.check=warn" in line
