@@ -18,9 +18,8 @@ ANOTHER = 2.0  # times the declared inertia: an undeclared payload is less, this
 EXPLAINED = 0.8  # of the driving force: friction that is neither dry nor viscous, and noise, leave up to a fifth
 INERTIAL = 0.1  # of the force's variance: a damper's force that goes with the acceleration by more moves a mass
 NAMED = 0.05  # how closely a factor is that of a unit
-LATE = (
-    0.03  # of the time in which a signal changes by its size (3 % of it is wrong at any instant): a delay that matters
-)
+# Of the time in which a signal changes by its size (3 % of it is wrong at any instant): a delay that matters.
+LATE = 0.03
 HELD = 0.02  # share of the time at a signal's very end by which it counts as clipped: a peak stays there a few samples
 LEVELS = 32  # levels between a signal's ends: 5 bits, rounding by 1 % of the range
 TURNS = 4.0  # turns of an angle beyond which degrees are likelier than a wheel

@@ -27,12 +27,7 @@ from .manifest import write_json as write_json
 from .provenance import commit, versions
 
 HALF = 0.5  # of the force, root mean square: a model that leaves more is none
-HARDLY_TOLD = (
-    "sigma_0",
-    "sigma_1",
-    "mu_s",
-    "v_s",
-)  # they show between stick and slip, where noise blurs a network's map
+HARDLY_TOLD = ("sigma_0", "sigma_1", "mu_s", "v_s")  # between stick and slip noise blurs a network's map
 GRID = 61  # values of velocity and of normal force in the figure of characteristics
 
 

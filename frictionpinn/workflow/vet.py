@@ -15,9 +15,8 @@ from .build import Config
 
 log = logging.getLogger(__name__)
 GO_ON = 'data.check=warn, in Python check="warn", goes on all the same'
-AS_MEASURED = (
-    1e-4  # noise in a velocity's variance, 1 % of its size: dry friction's steps are then where they seem to be
-)
+# Noise in a velocity's variance, 1 % of its size: dry friction's steps are then where they seem to be.
+AS_MEASURED = 1e-4
 
 
 def vet(cfg: Config, system: System, recording: Recording, free: Collection[str] = ()) -> None:

@@ -26,7 +26,7 @@ def one_line(process) -> str:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_help_fits_a_screen_and_its_examples_name_what_there_is(name, tmp_path):
+def test_help_fits_a_screen_names_what_there_is_and_is_that_of_the_script(name, tmp_path):
     process = call(PROGRAM, name, "--help", cwd=tmp_path)
     lines = process.stdout.splitlines()
     assert process.returncode == 0 and len(lines) <= 40 and max(map(len, lines)) <= 120
@@ -35,17 +35,14 @@ def test_help_fits_a_screen_and_its_examples_name_what_there_is(name, tmp_path):
     for group in re.findall(r"^  - (\w+): ", (ROOT / "conf" / f"{name}.yaml").read_text(), re.M):
         shown = re.search(rf"^  {group}=\S+ +(.*(?:\n {{20,}}.*)*)", text, re.M).group(1)
         assert set(re.split(r",\s+", shown)) == {path.stem for path in (ROOT / "conf" / group).glob("*.yaml")}
+    script = call(f"{name}.py", "--help", cwd=tmp_path).stdout
+    assert script.replace(f"python {name}.py", f"frictionpinn {name}") == text
     assert not (tmp_path / "outputs").exists()
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_has_its_script_with_the_same_help(name, tmp_path):
-    ours, script = call(PROGRAM, name, "--help", cwd=tmp_path), call(f"{name}.py", "--help", cwd=tmp_path)
-    assert script.stdout.replace(f"python {name}.py", f"frictionpinn {name}") == ours.stdout
-
-
 def test_without_a_command_all_are_listed_and_a_wrong_one_is_refused(tmp_path):
-    assert all(f"\n  {name} " in call(PROGRAM, cwd=tmp_path).stdout for name in COMMANDS)
+    listed = call(PROGRAM, cwd=tmp_path).stdout
+    assert all(f"\n  {name} " in listed for name in COMMANDS)
     assert "did you mean 'train'" in one_line(call(PROGRAM, "trian", cwd=tmp_path))
 
 
@@ -75,10 +72,10 @@ def test_hydra_shows_a_configuration_and_where_it_looks(tmp_path):
 def test_tab_completes_commands_and_their_options(line, offered, tmp_path):
     process = call(PROGRAM, "-sc", "query=bash", cwd=tmp_path, COMP_LINE=line, COMP_POINT=str(len(line)))
     assert set(process.stdout.split()) == offered, process.stderr
+
+
+def test_the_shell_gets_its_function_and_scripts_hold_the_word_by_which_the_shell_completes_them(tmp_path):
     assert "hydra_bash_completion" in call(PROGRAM, "-sc", "install=bash", cwd=tmp_path).stdout
-
-
-def test_scripts_hold_the_word_by_which_the_shell_completes_them():
     assert all("@hydra.main" in (ROOT / f"{name}.py").read_text() for name in COMMANDS)
 
 

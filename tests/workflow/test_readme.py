@@ -30,7 +30,7 @@ def test_a_system_of_ones_own_is_one_file_one_yaml_and_one_line(tmp_path):
         "Damper)}", "Damper, TiltingTable)}"
     )
     (systems / "__init__.py").write_text(listing)
-    command = [sys.executable, "train.py", "model=pe2", "system=tilt", "trainer.max_epochs=30", "hydra.run.dir=run"]
+    command = [sys.executable, "train.py", "model=pe2", "system=tilt", "trainer.max_epochs=2", "hydra.run.dir=run"]
     done = subprocess.run(
         command,
         cwd=tmp_path,
