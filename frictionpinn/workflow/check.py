@@ -36,7 +36,8 @@ def check(cfg: Config) -> list[Finding]:
         raise UserError(f"{len(grave)} finding{'s' if len(grave) > 1 else ''} by which no answer would have a sense",
                         where=recording.source, fix="mend what is told to be wrong")  # fmt: skip
     if measured_well(system, recording) and not cfg["system"].get("imposed"):
-        print("force and motion were measured well: system.imposed=true takes the motion as measured")
+        print("force and motion were measured well: system.imposed=true would take the motion as measured, for closed "
+              "loops and long recordings")  # fmt: skip
     print("nothing speaks against this recording" if not findings else "nothing grave speaks against this recording")
     print(f"next: {called('diagnose')} with the same system and data says what a friction model lacks")
     return findings

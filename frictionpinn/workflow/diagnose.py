@@ -27,7 +27,7 @@ from .build import Config, build_noise, build_recording, build_system, check_pai
 from .configs import called
 from .manifest import write_json
 from .provenance import commit, versions
-from .vet import vet, with_motion_chosen
+from .vet import vet
 
 log = logging.getLogger(__name__)
 
@@ -53,8 +53,6 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
     law = choose(cfg["friction"]["name"], LAWS, "friction")()
     recording = build_noise(cfg["noise"])(build_recording(cfg["data"], system), seed_of(cfg))
     vet(cfg, system, recording, options["free"] or ())
-    if not law.memory:  # noise in a velocity at rest moves a bristle, which a simulated motion does not
-        system = with_motion_chosen(cfg, system, recording)
     return report(examine(cfg, Mechanism(system, law, tuple(options["declared"])), recording), cfg, folder)
 
 

@@ -1,4 +1,4 @@
-"""Before any fit: what is assumed of a recording, what speaks against it, whether its motion is taken as measured."""
+"""Before any fit: what is assumed of a recording, what speaks against it, how well its motion was measured."""
 
 from __future__ import annotations
 
@@ -47,17 +47,6 @@ def admit(system: System, recording: Recording, check: str = "refuse", free: Col
         more = f" (and {len(grave) - 1} more)" if len(grave) > 1 else ""
         raise UserError(f"no answer from this recording has a sense{more}: {grave[0].what}", where=recording.source,
                         fix="; ".join(filter(None, [grave[0].fix, GO_ON])))  # fmt: skip
-
-
-def with_motion_chosen(cfg: Config, system: System, recording: Recording) -> System:
-    """The system with its motion taken as measured where that is left open and it is measured well."""
-    if cfg["data"]["name"] == "simulated" or cfg["system"].get("imposed", False) is not None:
-        return system
-    if not measured_well(system, recording):
-        return system
-    log.info("force and motion were measured well: the motion is taken as measured and the force predicted "
-             "(system.imposed=false: simulate it)")  # fmt: skip
-    return type(system)(equations=system.equations, imposed=True, **dict(system.values))  # type: ignore[arg-type]
 
 
 def in_words(finding: Finding) -> str:

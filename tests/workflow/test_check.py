@@ -26,7 +26,7 @@ from frictionpinn.workflow.diagnose import checked
 from frictionpinn.workflow.estimate import default_config
 from frictionpinn.workflow.result import doubts
 from frictionpinn.workflow.train import train
-from frictionpinn.workflow.vet import vet, with_motion_chosen
+from frictionpinn.workflow.vet import measured_well, vet
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "examples" / "swing.csv"
@@ -125,13 +125,11 @@ def test_signals_that_were_not_recorded_are_derived(tmp_path, system, columns, i
 
 
 @pytest.mark.parametrize(("noise", "wanted"), [(0.001, True), (0.05, False)])
-def test_motion_is_imposed_by_itself_only_where_it_was_measured_well(tmp_path, noise, wanted):
+def test_a_motion_that_was_measured_well_is_told_and_simulated_all_the_same(tmp_path, noise, wanted):
     cfg = default_config(["system=drive", f"data.path={written(tmp_path, drive(noise))}"], "check")
     system = build_system(cfg["system"])
     recording = build_recording(cfg["data"], system)
-    assert with_motion_chosen(cfg, system, recording).massless is wanted
-    said = default_config(["system=drive", "system.imposed=false", "data.path=run.csv"], "check")
-    assert not with_motion_chosen(said, system, recording).massless
+    assert measured_well(system, recording) is wanted and not system.massless
 
 
 def test_the_diagnosed_recording_travels_with_the_augmented_model(tmp_path):
