@@ -52,5 +52,5 @@ bench: $(STAMP)
 	@set -e; for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python "$$file"; done
 
 clean:
-	rm -rf $(VENV) *.egg-info build .pytest_cache .hypothesis .ruff_cache .mypy_cache
+	rm -rf $(VENV) *.egg-info build dist .pytest_cache .hypothesis .ruff_cache .mypy_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

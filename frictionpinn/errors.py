@@ -32,6 +32,13 @@ class UserError(ValueError):
         super().__init__(" ".join("; ".join([head, *filter(None, tail)]).split()))
 
 
+class Interrupted(BaseException):
+    """Ctrl-C, with a line on what was kept and how to go on.
+
+    No KeyboardInterrupt, which some libraries take for themselves.
+    """
+
+
 # Errors of a disk, which the user can mend; others of the system are shown whole.
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EFBIG, errno.EIO, errno.ENOTDIR)
 

@@ -1,8 +1,12 @@
 """Values of every law and a short path of every system, for tests of whatever is compiled from the physics."""
 
+from pathlib import Path
+
 import numpy as np
 import sympy as sp
+import yaml
 
+from frictionpinn.data.excitation import parse_expression
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.system import TIME
 
@@ -24,6 +28,12 @@ PATHS = {
     "sdob": {"y": 0.21 + 0.02 * sp.sin(9 * TIME), "force": 9 * sp.sin(7 * TIME)},
     "drive": {"force": sp.sin(7 * TIME)},
     "pendulum": {"tau": 6 * sp.sin(7 * TIME)},
+    "joint": {"tau": 6 * sp.sin(7 * TIME)},
     "damper": {"x": 0.01 * sp.sin(9 * TIME)},
 }
+for name in SYSTEMS.keys() - PATHS.keys():  # of a system that was added: its own first trial
+    conf = Path(__file__).resolve().parents[1] / "conf" / "system" / f"{name}.yaml"
+    trial = yaml.safe_load(conf.read_text(encoding="utf-8"))["simulate"]["trials"][0]
+    driven = {*SYSTEMS[name].driven, *(item.name for item in SYSTEMS[name].inputs)}
+    PATHS[name] = {key: parse_expression(str(text), key, {}) for key, text in trial.items() if key in driven}
 ALL = [(system, law) for system in SYSTEMS for law in LAWS]

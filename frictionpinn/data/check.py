@@ -84,7 +84,8 @@ def check_recording(
                 where=f"{where}, signal '{signal}'",
                 received=f"{parts[0][0]:g} in every row",
                 allowed="values that vary",
-                fix=f"check which column '{signal}' reads, or list it in allow_constant",
+                fix=f"check which column '{signal}' reads, or leave it out: a number in place of a column stands for a "
+                f"constant, data.columns={{..., {signal}: {parts[0][0]:g}}}",
             )
 
 

@@ -29,9 +29,18 @@ def sample_rate(t: np.ndarray, where: str = "t") -> float:
             where=f"{where}, step after row {worst + 1}",
             received=f"{steps[worst]:.6g} s long",
             allowed=f"within 5 % of the mean, {mean:.6g} s",
-            fix="resample the trial first (resample in frictionpinn.data.prepare)",
+            fix="lower its rate with data.rate_hz, which makes it even",
         )
     return 1.0 / mean
+
+
+def even(trial: Trial) -> Trial:
+    """The trial as it is where its steps are within 5 % of their mean, else resampled at its usual rate."""
+    steps = np.diff(trial.t)
+    mean = float(np.mean(steps)) if len(steps) else 0.0
+    if not mean > 0 or np.max(np.abs(steps - mean)) <= _JITTER * mean:
+        return trial
+    return resample(trial, 1.0 / float(np.median(steps)))
 
 
 def resample(trial: Trial, rate_hz: float) -> Trial:
@@ -121,7 +130,7 @@ def thin(trial: Trial, rate_hz: float | None, cutoff_hz: float | None = None, ed
     """Drop the ends of a trial, low-pass every signal and keep about ``rate_hz`` samples a second.
 
     Args:
-        trial: uniform within 5 %.
+        trial: sampled evenly, or made so at its usual rate.
         rate_hz: wanted rate, Hz; the nearest whole fraction of the trial's own rate is taken; None keeps all samples.
         cutoff_hz: of a zero-phase 4th-order Butterworth low-pass, Hz; None takes the low-pass of :func:`decimate`.
         edge_s: time dropped at either end before the low-pass, s, where derivatives are one-sided.
@@ -130,8 +139,9 @@ def thin(trial: Trial, rate_hz: float | None, cutoff_hz: float | None = None, ed
         The trial with its time, signals and truth thinned alike.
 
     Raises:
-        UserError: times that are not uniform, or a rate that leaves fewer than ``FEWEST`` samples.
+        UserError: a rate that leaves fewer than ``FEWEST`` samples.
     """
+    trial = even(trial)
     rate = sample_rate(trial.t, f"trial '{trial.name}', t")
     edge = round(edge_s * rate)
     inner = slice(edge, len(trial) - edge)

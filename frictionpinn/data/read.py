@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from frictionpinn.data.check import check_recording, check_trial
+from frictionpinn.data.clock import mended
 from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.data.tables import ENDINGS, Table, ending, load_table, numbers
 from frictionpinn.data.units import DIMENSIONLESS, to_si
@@ -58,8 +59,8 @@ def read_recording(
         The recording; its checksum is the sha256 of the bytes of all files in order.
 
     Raises:
-        UserError: unknown file, column or unit; text, NaN or infinity among the numbers; time that repeats or goes
-            backwards; fewer than 10 samples in a trial; a signal that never changes.
+        UserError: unknown file, column or unit; text, NaN or infinity among the numbers; time that goes backwards or
+            is too coarse; fewer than 10 samples in a trial; a signal that never changes.
     """
     gains = gains or {}
     _check_mappings(columns, units, signal_units, gains)
@@ -170,7 +171,8 @@ def _check_mappings(
                 fix=nearest(name, valid) or "use one of the allowed names",
             )
     if "t" not in columns:
-        raise UserError("no time", where="columns", allowed="an entry 't'", fix="name the column of time as t")
+        raise UserError("no time", where="data.columns", received=", ".join(columns) or "empty",
+                        allowed="an entry for t", fix="name its column: data.columns={t: time, ...}")  # fmt: skip
     for name, gain in gains.items():
         number = isinstance(gain, int | float) and not isinstance(gain, bool)
         if not number or not np.isfinite(gain) or gain == 0:
@@ -210,13 +212,15 @@ def _trials(
         unit = _unit(name, units, wanted[name])
         data[name] = to_si(raw * float(gains.get(name, 1.0)), unit, wanted[name], f"units.{name}")
     t, starts = data.pop("t"), data.pop("start", None)
+    angles = [name for name in data if wanted[name] == "rad"]
     split = "give trial_column, or split the file" if trial_column is None else f"check the values of '{trial_column}'"
     trials = []
     for label, rows in _groups(table, trial_column, len(t)):
         start = None if starts is None else float(starts[rows[0]])
-        trial = Trial(label, t[rows], {name: values[rows] for name, values in data.items()}, start=start)
-        check_trial(trial, str(table.path), data, rows=rows + 1, columns=labels, split=split)
-        trials.append(trial)
+        whole = Trial(label, t[rows], {name: values[rows] for name, values in data.items()}, start=start)
+        for trial, own in mended(whole, rows + 1, angles, str(table.path)):
+            check_trial(trial, str(table.path), data, rows=own, columns=labels, split=split)
+            trials.append(trial)
     return trials
 
 

@@ -5,14 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import UserError
 from ..numerics.session import Session
+from ..show import Shown, Table, readable_unit
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SHOWN_TRIALS = 16  # in the legend of a figure
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Trial:
     """One uninterrupted run of a mechanism.
 
@@ -23,6 +31,7 @@ class Trial:
         truth: noise-free signals and forces of simulated data, for scoring alone; empty for measured data.
         start: time of the session at the first sample, s; None: its recording tells, see :class:`Recording`.
         number: place among the trials of the session, from 1; None: its recording tells.
+        notes: what was done to it when it was read, a sentence each.
     """
 
     name: str
@@ -31,9 +40,14 @@ class Trial:
     truth: dict[str, np.ndarray] = field(default_factory=dict)
     start: float | None = None
     number: int | None = None
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __repr__(self) -> str:
+        span = f"{self.t[0]:.4g} to {self.t[-1]:.4g} s" if len(self) else "empty"
+        return f"Trial({self.name}: {len(self)} samples, {span}; {', '.join(self.signals)})"
 
     @property
     def session(self) -> Session:
@@ -66,8 +80,8 @@ class Trial:
         )
 
 
-@dataclass(frozen=True)
-class Recording:
+@dataclass(frozen=True, repr=False)
+class Recording(Shown):
     """Several trials of one mechanism, recorded in one session.
 
     Trials without a place in the session get one here, and keep it in every selection. Where no two of them overlap in
@@ -79,12 +93,14 @@ class Recording:
         units: signal name -> SI unit as text ("m/s").
         source: where it came from, for reports.
         checksum: sha256 of the data, for ``result.json``.
+        notes: how it was read: columns used, ignored and derived.
     """
 
     trials: tuple[Trial, ...]
     units: dict[str, str]
     source: str = ""
     checksum: str = ""
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self):
         object.__setattr__(self, "trials", tuple(_placed(self.trials)))
@@ -125,6 +141,72 @@ class Recording:
 
     def __len__(self) -> int:
         return sum(len(trial) for trial in self.trials)
+
+    # how it shows itself ---------------------------------------------------------------------------------------
+    def tables(self) -> list[Table]:
+        """Its trials, and the range of every signal over all of them."""
+        trials = []
+        for trial in self.trials:
+            length = float(trial.t[-1] - trial.t[0]) if len(trial) else 0.0
+            trials.append((trial.name, len(trial), length, (len(trial) - 1) / length if length else None))
+        signals = []
+        for name in dict.fromkeys(name for trial in self.trials for name in trial.signals):
+            values = np.concatenate([trial.signals[name] for trial in self.trials if name in trial.signals])
+            ends = (float(values.min()), float(values.max())) if len(values) else (None, None)
+            signals.append((name, readable_unit(self.units.get(name, "")), *ends))
+        count = f"{len(self.trials)} trial{'s' if len(self.trials) != 1 else ''}"
+        title = f"{self.source or 'recording'}: {len(self)} samples of {count}"
+        notes = (*self.notes, *(note for trial in self.trials for note in trial.notes))
+        return [
+            Table(("trial", "samples", "length (s)", "rate (Hz)"), tuple(trials), title, notes),
+            Table(("signal", "unit", "smallest", "largest"), tuple(signals)),
+        ]
+
+    def figures(self) -> dict[str, Figure]:
+        """Every signal over the time of its trial, a line for each trial."""
+        from matplotlib.figure import Figure
+
+        names = list(dict.fromkeys(name for trial in self.trials for name in trial.signals))
+        figure = Figure(figsize=(8, 0.8 + 1.3 * max(len(names), 1)), layout="constrained")
+        rows = figure.subplots(max(len(names), 1), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, name in zip(rows, names, strict=False):
+            for trial in self.trials:
+                if name in trial.signals:
+                    axes.plot(trial.t - trial.t[0], trial.signals[name], lw=0.9, label=trial.name)
+            unit = readable_unit(self.units.get(name, ""))
+            axes.set_ylabel(f"{name} ({unit})" if unit else name)
+            axes.margins(x=0.01)
+        rows[-1].set_xlabel("time in the trial (s)")
+        if 1 < len(self.trials) <= SHOWN_TRIALS:
+            figure.legend(*rows[0].get_legend_handles_labels(), loc="outside upper center", ncols=8, frameon=False,
+                          title="trial", fontsize=8)  # fmt: skip
+        return {"signals": figure}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Source, units and, by trial, time and signals as lists."""
+        trials = {trial.name: {"t": trial.t.tolist()} | {n: y.tolist() for n, y in trial.signals.items()}
+                  for trial in self.trials}  # fmt: skip
+        return {"source": self.source, "sha256": self.checksum, "units": dict(self.units), "trials": trials}
+
+    def save(self, path: str | Path) -> Path:
+        """Write a table with the columns trial, start, t and the signals, SI units; ``frictionpinn.read`` reads it.
+
+        Args:
+            path: ending in .csv or .parquet.
+
+        Raises:
+            UserError: another ending.
+        """
+        import pandas as pd
+
+        path = Path(path)
+        if path.suffix not in (".csv", ".parquet"):
+            raise UserError("unknown file format", where="path", received=str(path), allowed=".csv, .parquet")
+        parts = [{"trial": trial.name, "start": trial.start, "t": trial.t, **trial.signals} for trial in self.trials]
+        table = pd.concat([pd.DataFrame(part) for part in parts], ignore_index=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        table.to_csv(path, index=False) if path.suffix == ".csv" else table.to_parquet(path, index=False)
+        return path
 
 
 def _placed(trials: Sequence[Trial]) -> list[Trial]:

@@ -23,8 +23,8 @@ def split_trials(
         UserError: a name that no trial has, one trial in two splits, nothing left to train on, more trials than there
             are.
     """
-    held = [names[-1]] if held_out is None and len(names) > 1 else _names(held_out)
-    valid = _names(validation)
+    held = [names[-1]] if held_out is None and len(names) > 1 else _parts(_names(held_out), names)
+    valid = _parts(_names(validation), names)
     for key, chosen in (("held_out", held), ("validation", valid)):
         for name in chosen:
             if name not in names:
@@ -59,6 +59,12 @@ def _spread(names: list[str], count: int | None) -> list[str]:
             allowed=f"1 to {len(names)}, or null for all",
         )
     return [names[int((k + 0.5) * len(names) / count)] for k in range(count)]
+
+
+def _parts(chosen: list[str], names: Sequence[str]) -> list[str]:
+    """The names, or those of the parts into which a trial was cut at gaps: lap[0], lap[1], ..."""
+    found = [[other for other in names if other.startswith(f"{name}[")] if name not in names else [] for name in chosen]
+    return [part for name, parts in zip(chosen, found, strict=True) for part in parts or [name]]
 
 
 def _names(chosen: Any) -> list[str]:

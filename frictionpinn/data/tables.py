@@ -47,7 +47,9 @@ class Table:
                 where=f"{where} in {self.path}",
                 received=repr(name),
                 allowed=", ".join(self.names) or "none, the file holds no columns",
-                fix=nearest(name, self.names) or "use one of the columns present",
+                fix="there is no header row: c1 is the first column"
+                if self.names[:1] == ["c1"]
+                else nearest(name, self.names) or "use one of the columns present",
             )
         if self.names.count(base) > 1:
             raise UserError(
@@ -144,7 +146,9 @@ def _load_text(path: Path, delimiter: str | None, decimal: str | None) -> Table:
             raise _empty(path)
         try:
             sep = delimiter or _sniff_delimiter(lines)
-            header = _header(path, lines[0], sep)
+            header = _header(lines[0], sep)
+            if _headless(lines[0], sep):
+                text.again(lines[0])
             with warnings.catch_warnings():
                 warnings.simplefilter("error", pd.errors.ParserWarning)
                 warnings.simplefilter("ignore", pd.errors.DtypeWarning)  # text among numbers: told with its row
@@ -175,21 +179,15 @@ def _no_table(path: Path, error: Exception) -> UserError:
     )
 
 
-def _header(path: Path, line: str, sep: str) -> list[str]:
+def _header(line: str, sep: str) -> list[str]:
+    """Names of the columns; c1, c2, ... where the first row holds numbers already."""
     header = [name.strip() for name in _fields(line, sep)]
-    _check_header(path, header)
-    return header
+    return [f"c{k + 1}" for k in range(len(header))] if _headless(line, sep) else header
 
 
-def _check_header(path: Path, header: list[str]) -> None:
-    if all(re.fullmatch(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?", name) for name in header):
-        raise UserError(
-            "no header row",
-            where=str(path),
-            received="numbers in the first row",
-            allowed="a first row that names the columns",
-            fix="add one, for instance t,x,force",
-        )
+def _headless(line: str, sep: str) -> bool:
+    number = re.compile(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?")
+    return all(number.fullmatch(name.strip()) for name in _fields(line, sep))
 
 
 def _fields(line: str, sep: str) -> list[str]:
@@ -256,6 +254,6 @@ def columns_of(path: str | Path) -> list[str]:
     if not lines:
         raise _empty(file)
     try:
-        return _header(file, lines[0], _sniff_delimiter(lines))
+        return _header(lines[0], _sniff_delimiter(lines))
     except csv.Error as error:
         raise _no_table(file, error) from error

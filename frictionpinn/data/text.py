@@ -36,6 +36,10 @@ class Lines(io.TextIOBase):
         self._ready = "".join(f"{line}\n" for line in lines[1:])
         return lines
 
+    def again(self, line: str) -> None:
+        """Read a line once more: the first one, where it holds numbers."""
+        self._ready = f"{line}\n{self._ready}"
+
     def readable(self) -> bool:
         return True
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import sympy as sp
 import yaml
@@ -18,8 +20,11 @@ from .diagnosis import Diagnosis
 _HEAD = "# A friction model with the effects that a diagnosis added: python train.py friction=<this file>\n"
 
 
-def save_augmented(path: Path, d: Diagnosis) -> Mechanism:
-    """Write the declared model with the added effects; return its mechanism."""
+def save_augmented(path: Path, d: Diagnosis, data: Mapping[str, Any] | None = None) -> Mechanism:
+    """Write the declared model with the added effects; return its mechanism.
+
+    ``data`` are the options of the recording that was diagnosed: a training of this file is on that.
+    """
     system, law = d.bench.mechanism.system, d.bench.mechanism.law
     names = [*(e.name for e in d.bench.mechanism.effects), *(a.candidate.effect for a in d.accepted)]
     network = () if d.network is None else (d.network.effect,)
@@ -39,6 +44,10 @@ def save_augmented(path: Path, d: Diagnosis) -> Mechanism:
             for e in mechanism.effects
         },
     }  # fmt: skip
+    if data is not None:
+        paths = data.get("path")
+        there = [str(Path(p).absolute()) for p in (paths if isinstance(paths, list) else [paths])] if paths else []
+        content["data"] = dict(data) | ({"path": there} if there else {})
     path.write_text(_HEAD + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     return mechanism
 
@@ -66,6 +75,11 @@ def load_augmented(path: str | Path) -> tuple[Mechanism, dict[str, float]]:
         raise UserError("not a friction model", where="friction", received=str(path),
                         allowed="augmented.yaml of a diagnosis", fix=f"look at {error!r}") from error  # fmt: skip
     return mechanism, {k: float(v) for k, v in values.items()} | system.values
+
+
+def data_of(path: str | Path) -> dict[str, Any]:
+    """Options of the recording that a saved model was found on; empty where it does not tell."""
+    return dict(yaml.safe_load(Path(path).read_text(encoding="utf-8")).get("data") or {})
 
 
 def folded(path: str | Path) -> tuple[System, dict[str, float]]:

@@ -7,26 +7,31 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..data.recording import Recording
 from ..identify.result import Estimate
 from ..physics.mechanism import Mechanism
+from ..show import Shown, Table, interval, readable_unit
 from .bench import Bench
 from .candidates import Candidate, Remainder, candidates, effects_for, places, ranges, remainders, scales, simulations
 from .contenders import surprise
 from .errors import main_signal
 from .fit import Fit
 from .select import Accepted, Refused, Selection, Settings, intervals, select
-from .verdict import Network, Unexplained, judge, train_network
+from .verdict import NO_VERDICT, Network, Unexplained, gate, judge, train_network
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
     """What a declared model lacks.
 
     Attributes:
@@ -49,6 +54,10 @@ class Diagnosis:
         seconds: wall-clock time.
         settings: thresholds.
         network: the fallback term in the place of what no name explains, if it was asked for.
+        fitted, held_out: the trials of both kinds.
+        config: the options of the diagnosis, for its report.
+        doubts: what keeps the verdict from having a sense, see :func:`frictionpinn.diagnose.verdict.gate`; the verdict
+            then is "no verdict".
     """
 
     verdict: str
@@ -68,11 +77,15 @@ class Diagnosis:
     coloured: tuple[str, ...]
     seconds: float
     settings: Settings
-    bench: Bench = field(repr=False)
-    selection: Selection = field(repr=False)
-    before: Fit = field(repr=False)
-    after: Fit = field(repr=False)
-    network: Network | None = field(default=None, repr=False)
+    bench: Bench
+    selection: Selection
+    before: Fit
+    after: Fit
+    network: Network | None = None
+    fitted: Recording = field(default_factory=lambda: Recording((), {}))
+    held_out: Recording = field(default_factory=lambda: Recording((), {}))
+    config: dict[str, Any] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()
 
     @property
     def main(self) -> str:
@@ -85,6 +98,42 @@ class Diagnosis:
         after = replace(self.selection.fit, sigmas=self.selection.base.sigmas)
         old, new = (surprise(self.bench, fit) for fit in (self.selection.base, after))
         return 0.0 if old is None or new is None else old.moved - new.moved
+
+    # how it shows itself ---------------------------------------------------------------------------------------
+    def tables(self) -> list[Table]:
+        """The verdict in words, and the parameters of the augmented model beside those of the declared one."""
+        from .report import headline
+
+        before = {name: self.declared.values[name] for name in self.declared.names}
+        rows = [(n, value, readable_unit(self.units[n]), interval(self.ci95[n]), before.get(n))
+                for n, value in self.values.items()]  # fmt: skip
+        return [Table(("parameter", "value", "unit", "95 % interval", "as declared"), tuple(rows),
+                      f"{self.verdict}: {headline(self)}")]  # fmt: skip
+
+    def figures(self) -> dict[str, Figure]:
+        """Errors before and after, residuals, what was tried, and what is left."""
+        from .report import figures
+
+        return figures(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What stands in ``result.json``."""
+        from ..workflow.diagnose import as_dict
+
+        return as_dict(self)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write ``result.json``, figures, the page ``report.html`` and ``augmented.yaml``, as the command does.
+
+        The recording is written beside them, ``recording.parquet``, so that the augmented model can be trained on it.
+        """
+        from ..workflow.diagnose import report
+
+        folder = Path(folder)
+        whole = replace(self.fitted, trials=(*self.fitted.trials, *self.held_out.trials))
+        own = {"name": "csv", "path": str(whole.save(folder / "recording.parquet").absolute()), "trial_column": "trial"}
+        report(self, self.config | {"data": own | {"held_out": list(self.held_out.names)}}, folder)
+        return folder
 
 
 def diagnose(
@@ -139,10 +188,13 @@ def diagnose(
     if verdict.rest is not None and network:
         fallback = train_network(bench, fit, scanned.remaining, probes, where, scanned.sigmas)
     units = {name: bench.tested.units[name] for name in fit.names}
+    doubts = tuple(gate(bench, accepted, ci95))
+    name = NO_VERDICT if doubts else verdict.name
     return Diagnosis(
-        verdict.name, accepted, refused, verdict.rest, verdict.trifle, values, ci95, units, bench.estimate,
+        name, accepted, refused, verdict.rest, verdict.trifle, values, ci95, units, bench.estimate,
         verdict.errors, verdict.scored, verdict.shares, verdict.left, scanned.sigmas, scanned.noise.coloured,
-        time.perf_counter() - began, settings, bench, selection, verdict.before, verdict.after, fallback,
+        time.perf_counter() - began, settings, bench, selection, verdict.before, verdict.after, fallback, fitted,
+        held_out, doubts=doubts,
     )  # fmt: skip
 
 

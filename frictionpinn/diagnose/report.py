@@ -21,7 +21,7 @@ from ..physics.base import CONTACT
 from ..physics.mechanism import Mechanism
 from .diagnosis import Diagnosis
 from .errors import RESIDUAL, main_signal
-from .verdict import FOUND, NOTHING, PARTLY, UNEXPLAINED, Unexplained
+from .verdict import FOUND, NO_VERDICT, NOTHING, PARTLY, UNEXPLAINED, Unexplained
 
 LETTERS = {*greeks, "zdot"}  # first parts of names that are letters
 MOST_TRIALS, MOST_BARS = 3, 12  # in one figure: what fits on a screen
@@ -40,6 +40,7 @@ def headline(d: Diagnosis) -> str:
         NOTHING: f"Nothing is missing that this recording could show{' and that matters' if d.trifle else ''}.",
         PARTLY: f"{missing}; and beyond that {unnamed}, which no name fits.",
         UNEXPLAINED: f"Something is missing that none of the names fits: {unnamed}.",
+        NO_VERDICT: f"No verdict: {'; '.join(d.doubts)}.",
     }
     sentences = [said[d.verdict], error_in_words(d)]
     if d.shares and d.left["value"] is not None:
@@ -93,7 +94,8 @@ def error_in_words(d: Diagnosis) -> str:
         noise += f" ({other} {entry['noise_other']:.3g}: noise correlated in time, or a model far off)"
     count = entry.get("outliers_left_out")
     noise += f" ({count} outliers left out)" if count else ""
-    return f"Error{what} beyond the noise, {d.scored}, {entry['unit']}: {old} before, {new} after; {noise}."
+    unit = entry["unit"].replace("*", " ")
+    return f"Error{what} beyond the noise, {d.scored}, {unit}: {old} before, {new} after; {noise}."
 
 
 def number(value: float | None) -> str:
@@ -162,15 +164,21 @@ def in_mathml(e: sp.Eq) -> str:
     return f'<math display="block">{sp.mathml(e, printer="presentation", mul_symbol="dot")}</math>'
 
 
-def draw(folder: Path, d: Diagnosis) -> list[Path]:
-    """Write every figure as PNG; return the files in reading order."""
-    folder.mkdir(parents=True, exist_ok=True)
+def figures(d: Diagnosis) -> dict[str, Figure]:
+    """Every figure in reading order, by name."""
     drawn = {"error": error_figure(d), "residual": residual_figure(d), "tried": tried_figure(d),
              "dependence": dependence_figure(d)}  # fmt: skip
     if d.accepted:
         drawn["proof"] = proof_figure(d)
     if d.unexplained is not None:
         drawn["remainder"] = remainder_figure(d, d.unexplained)
+    return drawn
+
+
+def draw(folder: Path, d: Diagnosis) -> list[Path]:
+    """Write every figure as PNG; return the files in reading order."""
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn = figures(d)
     for name, figure in drawn.items():
         save_png(figure, folder / f"{name}.png")
     return [folder / f"{name}.png" for name in drawn]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from sklearn.linear_model import OrthogonalMatchingPursuit
 
+from ..identify.result import NO_EXCITATION
 from .bench import Bench
 from .candidates import Remainder
 from .contenders import check
@@ -17,9 +18,10 @@ from .fit import Fit
 from .noise import Noise
 from .scan import Remaining, Scanned
 from .score import Columns, Normal, linearise, on_probe
-from .select import Selection, Settings
+from .select import Accepted, Selection, Settings
 
 FOUND, NOTHING, PARTLY, UNEXPLAINED = "effect found", "nothing missing", "partly explained", "unexplained"
+NO_VERDICT = "no verdict"
 FIFTH = 0.2  # of the squared error beyond the noise: names that take off less are not the names of what is missing
 SIMILAR = 0.9  # of the best log p: variables that explain as much are named together
 TERMS = 3  # of a formula at most: longer ones say no more than a table
@@ -112,6 +114,25 @@ def judge(
 
     trifle = None if matter else told(remaining)
     return Verdict(name, told(matter), trifle, fit, scanned, before, after, scored, errors, shares, left)
+
+
+def gate(bench: Bench, accepted: Sequence[Accepted], ci95: Mapping[str, tuple[float, float]]) -> list[str]:
+    """What keeps a verdict from having a sense: a contact that does not slip, effects that may be nothing at all.
+
+    Args:
+        bench: with the declared model's fit.
+        accepted: effects that were added.
+        ci95: 95 % intervals of the parameters.
+    """
+    reasons = []
+    if bench.estimate.outcome == NO_EXCITATION:
+        reasons.append("nothing slips here: no friction can be told")
+    table = {par.name: par for par in bench.tested.parameters}
+    for a in accepted:
+        spans = [(table[name].neutral, ci95[name]) for name in a.candidate.strengths if name in ci95]
+        if spans and all(neutral is not None and low <= neutral <= high for neutral, (low, high) in spans):
+            reasons.append(f"{a.candidate.name} may be nothing at all: its 95 % interval holds that")
+    return reasons
 
 
 @dataclass(frozen=True)

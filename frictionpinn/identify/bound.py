@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,15 +13,19 @@ from ..data.simulated import simulate_trials
 from ..errors import UserError
 from ..numerics.simulate import ContactLost, SimulationFailed
 from ..physics.mechanism import Mechanism
+from ..show import Shown, Table
 from .problem import Problem
-from .result import HINTS, VARY, correlation_of, sentences
+from .result import HINTS, VARY, correlation_of, plain, sentences
 from .solve import reduced
 from .space import Space
 from .uncertainty import covariance_of, untold
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-@dataclass(frozen=True)
-class Bound:
+
+@dataclass(frozen=True, repr=False)
+class Bound(Shown):
     """Smallest covariance that an unbiased estimator can have.
 
     Attributes:
@@ -65,6 +69,28 @@ class Bound:
         hidden = [name for name, s in self.std.items() if not np.isfinite(s)]
         told = [f"{name} does not show in these data: {HINTS.get(name, VARY)}" for name in hidden]
         return (*told, *sentences(self.names, np.nan_to_num(self.correlation), HINTS))
+
+    def tables(self) -> list[Table]:
+        """Least standard errors, absolute and relative; below, what these data cannot tell."""
+        rows = [(n, self.values[n], s, f"{100 * self.relative[n]:.2g} %" if np.isfinite(self.relative[n]) else "")
+                for n, s in self.std.items()]  # fmt: skip
+        title = "least standard errors of any unbiased estimator"
+        return [Table(("parameter", "value", "standard error", "relative"), tuple(rows), title, self.advice)]
+
+    def figures(self) -> dict[str, Figure]:
+        """95 % intervals relative to the values, and correlations."""
+        from .draw import parameters_figure
+
+        ends = {n: (v - 1.96 * self.std[n], v + 1.96 * self.std[n]) for n, v in self.values.items()}
+        return {"parameters": parameters_figure(self.names, self.values, ends, self.correlation)}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values, least standard errors and correlations as plain types; NaN becomes None."""
+        return {
+            "parameters": {n: {"value": plain(self.values[n]), "std": plain(s)} for n, s in self.std.items()},
+            "correlation": [[plain(x) for x in row] for row in self.correlation],
+            "advice": list(self.advice),
+        }
 
     def __str__(self) -> str:
         width = max(map(len, self.names))

@@ -89,7 +89,7 @@ def trial_model(
         rest: whether the trial starts at rest; else its initial velocities and bristle state are unknown, too.
         noisy: whether other inputs than motions are splines.
     """
-    mechanism, t = simulator.mechanism, np.ascontiguousarray(trial.t, dtype=float)
+    mechanism, t = simulator.mechanism, np.array(trial.t, dtype=float)  # a copy: compiled code wants to own it
     missing = np.full(len(t), np.nan)
 
     def measured(names: tuple[str, ...]) -> np.ndarray:
@@ -102,6 +102,8 @@ def trial_model(
     plain = [((name,), (column,), min(MOST_COEFFICIENTS, len(t) // 4)) for name, column in channels.plain]
     for names, columns, most in (*motions, *plain):
         motion, y, basis = len(names) > 1, measured(names), None
+        if motion:
+            y = anchored(y)
         levels = np.array([sigmas.get(name, 1.0) for name in names])
         if not np.isfinite(y).any():
             continue
@@ -133,10 +135,11 @@ def trial_model(
         for row, name in zip(y, channels.outputs, strict=True):
             if name in {c.signals[2] for c in mechanism.free}:
                 row[beside_jumps(row, sigmas[name])] = np.nan
+    untold = [name for name in positions if name not in trial.signals]  # it stays where it is said to begin, at 0
     return TrialModel(
         simulator, trial.name, t, channels.outputs, y,
         InputPath(mechanism.input_signals, t, coefficients, trial.session), tuple(inputs),
-        tuple(name for name in simulator.state_names if not rest or name in positions), start,
+        tuple(n for n in simulator.state_names if (not rest or n in positions) and n not in untold), start,
     )  # fmt: skip
 
 
@@ -157,3 +160,11 @@ def beside_jumps(y: np.ndarray, sigma: float) -> np.ndarray:
     at = 1 + np.flatnonzero(largest & (excess > JUMP * 5**0.5 * sigma))
     result[at] = result[at + 1] = True
     return result
+
+
+def anchored(y: np.ndarray) -> np.ndarray:
+    """A motion, shape (3, n), that begins at 0 in what no lower derivative tells: positions of velocities alone."""
+    measured = np.isfinite(y).any(axis=1)
+    if measured.any() and not measured[0]:
+        y[: int(np.argmax(measured)), 0] = 0.0
+    return y

@@ -190,15 +190,17 @@ def _sliding_regression(
     whose force follows from the motion alone. ``values`` are all parameters, start values of the free ones.
     """
     system = mechanism.system
-    names = [n for n in free if n in ("mu_c", "sigma_2") or n in {par.name for par in system.parameters}]
+    own = {par.name: par.neutral is not None for par in system.parameters}  # forces may be zero or negative
+    names = [n for n in free if n in ("mu_c", "sigma_2") or own.get(n) is False]
     if not names or not any(motion.fast.any() for motion in motions):
         return {}
     neutral = {par.symbol: par.neutral for par in mechanism.parameters if par.neutral is not None}
     told = {s for c in system.moving for s in c.symbols}
     told |= {par.symbol for par in mechanism.parameters if par.name not in free}
-    extra: dict[str, sp.Expr] = {}  # strength -> force of one unit
+    # Strength -> force of one unit that the system's equation does not hold already.
+    extra: dict[str, sp.Expr] = {n: sp.Integer(0) for n in free if own.get(n)}
     for par in mechanism.parameters:
-        if par.neutral is not None and par.name in free:
+        if par.neutral is not None and par.name in free and par.name not in own:
             slope = sp.diff(mechanism.friction, par.symbol).xreplace(neutral)
             if slope != 0 and slope.free_symbols <= told:
                 extra[par.name] = slope

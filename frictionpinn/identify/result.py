@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..show import Shown, Table, interval, readable_unit
 from .problem import Problem
 from .solve import Solution, State
 from .trial import TrialModel
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 CONVERGED, AT_BOUND, UNIDENTIFIED, NO_EXCITATION, UNEXPLAINED, STOPPED, FAILED = (
     "converged", "at a bound", "not identified", "no excitation", "not explained", "stopped early", "failed",
@@ -68,8 +72,8 @@ class Improvement:
     values: dict[str, float]
 
 
-@dataclass(frozen=True)
-class Estimate:
+@dataclass(frozen=True, repr=False)
+class Estimate(Shown):
     """Parameters with their uncertainty, from any estimator.
 
     Attributes:
@@ -144,6 +148,21 @@ class Estimate:
                 for trial, signals in self.residuals.items()
             },
         }
+
+    def tables(self) -> list[Table]:
+        """Parameters with their intervals; below, what the data do not tell."""
+        rows = [(n, self.values[n], readable_unit(self.units[n]), interval(self.ci95[n])) for n in self.names]
+        title = f"{self.estimator}: {self.outcome}, {self.n_simulations} simulations, {self.seconds:.2f} s"
+        return [Table(("parameter", "value", "unit", "95 % interval"), tuple(rows), title, self.advice)]
+
+    def figures(self) -> dict[str, Figure]:
+        """Intervals relative to the estimates and their correlations; residuals over time in multiples of the noise."""
+        from .draw import parameters_figure, residuals_figure
+
+        drawn = {"parameters": parameters_figure(self.names, self.values, self.ci95, self.correlation)}
+        return drawn | ({"residuals": residuals_figure(self)} if self.residuals else {})
+
+    __repr__ = Shown.__repr__
 
     def __str__(self) -> str:
         lines = [f"{self.estimator}: {self.outcome}, {self.n_simulations} simulations, {self.seconds:.2f} s"]

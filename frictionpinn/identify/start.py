@@ -62,6 +62,8 @@ def windows_of(problem: Problem) -> tuple[TrialModel, ...]:
                 start |= {c.signals[1]: model.start[c.signals[1]] for c in free}
                 moving = any(start[c.signals[1]] != 0 for c in free)
             states = tuple(start) if moving else tuple(c.signals[0] for c in free)
+            # A position that was not measured stays where it is said to be.
+            states = tuple(n for n in states if n in model.outputs or n not in {c.signals[0] for c in free})
             part = slice(i, j + 1)
             y = model.y[:, part].copy()
             if motion.fast[i] and mu_c and "sigma_0" in model.simulator.parameter_names:

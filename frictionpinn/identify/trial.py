@@ -235,9 +235,10 @@ class TrialModel:
                 ll[i, i] += 1 / self.force_scale**2
                 grad_l[i] += distance / self.force_scale
         for item, values in zip(self.inputs, self.coefficients(local), strict=True):
-            design, levels = item.basis.design, np.array([sigmas[name] for name in item.names])
+            # A signal that was not measured has no level, and no weight.
+            design, levels = item.basis.design, np.array([sigmas.get(name, 1.0) for name in item.names])
             difference = design @ values - item.y
-            residuals.update(zip(item.names, difference, strict=True))
+            residuals.update({n: r for n, r in zip(item.names, difference, strict=True) if n in sigmas})
             if not joint:
                 continue
             r_in = _filled(difference / levels[:, None])

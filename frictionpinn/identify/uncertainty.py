@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..numerics.whiteness import correlation_time
+from .culprit import culprit
 from .problem import Problem
 from .profile import RISE_95, profiled
 from .result import CORRELATED, FAILED, Estimate, Minimum, verdict
@@ -207,7 +208,8 @@ def finish(
 def failed(problem: Problem, seconds: float, simulations: int) -> Estimate:
     """The estimate of a problem that could not be simulated at any start."""
     names, nan = problem.names, float("nan")
-    advice = "no start within the bounds could be simulated: check bounds, units and the mechanism's parameters"
+    why = culprit(problem) or "check bounds, units and the mechanism's parameters"
+    advice = f"no start within the bounds could be simulated: {why}"
     return Estimate(
         ESTIMATOR, names, dict.fromkeys(names, nan), {name: problem.mechanism.units[name] for name in names},
         np.full((len(names), len(names)), nan), dict.fromkeys(names, (nan, nan)), FAILED, (advice,), nan, simulations,

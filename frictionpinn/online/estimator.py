@@ -124,6 +124,11 @@ class OnlineEstimator:
         told = {share: cls(mechanism, parameters, tuning, share=share).log_likelihood(parts) for share in SHARES}
         return cls(mechanism, parameters, tuning, adapt, max(told, key=told.__getitem__), covariance)
 
+    def __repr__(self) -> str:
+        values = dict(zip(self.names, self._p, strict=True))
+        told = ", ".join(f"{name} {values[name]:.4g}" for name in self.adapt)
+        return f"OnlineEstimator({self.mechanism.name}; signals {', '.join(self.signals)}; adapts {told or 'nothing'})"
+
     # building --------------------------------------------------------------------------------------------------
     def _build(self) -> None:
         core, mechanism, tuning = _recursions(), self.mechanism, self.tuning

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
 from types import SimpleNamespace
+from typing import Any
 
 import sympy as sp
 
 from ..errors import UserError, nearest
+from ..show import Shown, Table, readable_unit
 from .base import CONTACT, SESSION, TIME, TRIAL, Contact, FrictionLaw, Parameter
 from .effect import Effect, State
 from .effects import chosen
@@ -20,8 +22,8 @@ from .system import Coordinate, System
 FRICTION = sp.Symbol("F_f", real=True)
 
 
-@dataclass(frozen=True)
-class Mechanism:
+@dataclass(frozen=True, repr=False)
+class Mechanism(Shown):
     """System, friction law and effects together.
 
     The implicit equations of motion are R(q, v, a, z, z', u, c; p) = 0 with one row for each free coordinate,
@@ -59,6 +61,19 @@ class Mechanism:
     def p(self) -> SimpleNamespace:
         """Symbols of the parameters."""
         return SimpleNamespace(**{par.name: par.symbol for par in self.parameters})
+
+    def tables(self) -> list[Table]:
+        """Its parameters with their values, where they are known, and the signals that a recording may hold."""
+        known = {par.name: par.value for par in self.parameters} | self.system.values
+        rows = [(p.name, known[p.name], readable_unit(self.units[p.name]), p.text) for p in self.parameters]
+        signals = ", ".join(f"{name} ({readable_unit(unit)})" for name, unit in self.system.signal_units.items())
+        title = f"{self.name}: {self.system.title} with {self.law.name} friction"
+        return [Table(("parameter", "value", "unit", ""), tuple(rows), title, (f"signals: {signals}",))]
+
+    def to_dict(self) -> dict[str, Any]:
+        """System, law and effects by name, and the values of the system's parameters."""
+        return {"system": self.system.name, "parameters": dict(self.system.values), "friction": self.law.name,
+                "effects": [effect.name for effect in self.effects]}  # fmt: skip
 
     def check_names(self, names: Iterable[str], where: str) -> None:
         """Raise :class:`UserError`, which tells ``where``, for a name that is no parameter of the mechanism."""

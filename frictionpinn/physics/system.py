@@ -110,6 +110,10 @@ class System:
             self._check_imposed()
             self.massless = True
 
+    def __repr__(self) -> str:
+        values = ", ".join(f"{par.name} = {self.values[par.name]:g} {par.unit}" for par in self.parameters)
+        return f"{self.name}, {self.title}: {values}"
+
     def _check_imposed(self) -> None:
         """Raise :class:`UserError` where the input is not a force along the slip of the only coordinate."""
         for c in self.moving:

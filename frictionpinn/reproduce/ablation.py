@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 from ..evaluate.picture import save_png
 from ..workflow.build import Config
-from ..workflow.estimate import CONFIG
+from ..workflow.configs import CONF
 from .draw import ablation_figure
 from .runs import Run, by_seed, finish_all
 
@@ -18,7 +18,7 @@ from .runs import Run, by_seed, finish_all
 def presets() -> dict[str, tuple[str, list[str]]]:
     """Name of an ablation -> the key that it sweeps and the values, as its preset says."""
     found = {}
-    for path in sorted((CONFIG / "experiment").glob("ablation_*.yaml")):
+    for path in sorted((CONF / "experiment").glob("ablation_*.yaml")):
         preset: Any = OmegaConf.to_container(OmegaConf.load(path))
         params = preset["hydra"]["sweeper"]["params"]
         ((key, values),) = params.items()

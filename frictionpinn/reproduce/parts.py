@@ -15,7 +15,7 @@ from ..workflow.manifest import write_json
 from ..workflow.provenance import commit, versions
 from . import ablation, equations, fidelity, identification, transfer
 from .document import document
-from .runs import hush, read
+from .runs import hushed, read
 
 log = logging.getLogger(__name__)
 Part = Callable[[Config, Path, Path, int], dict[str, Any]]
@@ -46,9 +46,9 @@ def reproduce(cfg: Config) -> Path:
     results, pages, target = (Path(cfg[key]) for key in ("results", "pages", "document"))
     for folder in (results, pages):
         folder.mkdir(parents=True, exist_ok=True)
-    hush()
-    for name in cfg["parts"]:
-        _run(name, cfg, results)
+    with hushed():
+        for name in cfg["parts"]:
+            _run(name, cfg, results)
     for path in results.iterdir():
         shutil.copy(path, pages)
     target.write_text(document(pages), encoding="utf-8")

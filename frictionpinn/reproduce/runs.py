@@ -6,8 +6,9 @@ import hashlib
 import json
 import logging
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -19,12 +20,13 @@ from ..workflow.estimate import default_config
 from ..workflow.evaluate import evaluate
 from ..workflow.members import train_seeds
 from ..workflow.result import write_json
-from ..workflow.threads import one_thread
+from ..workflow.threads import one_thread, silent
 from ..workflow.train import train
 
 T = TypeVar("T")
 R = TypeVar("R")
 QUIET = ("trainer.threads=1", "trainer.progress_bar=false", "trainer.accelerator=cpu")
+TRAININGS = logging.getLogger("frictionpinn.workflow")
 
 
 @dataclass(frozen=True)
@@ -127,8 +129,20 @@ def each(work: Callable[[T], R], items: Iterable[T], jobs: int) -> list[R]:
 
 
 def hush() -> None:
-    """Messages of single trainings are of no use where dozens run."""
-    logging.getLogger("frictionpinn.workflow").setLevel(logging.WARNING)
+    """In a process of its own neither messages of single trainings nor their tracebacks after Ctrl-C are of use."""
+    silent()
+    TRAININGS.setLevel(logging.WARNING)
+
+
+@contextmanager
+def hushed() -> Iterator[None]:
+    """Without messages of single trainings, which are of no use where dozens run."""
+    before = TRAININGS.level
+    TRAININGS.setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        TRAININGS.setLevel(before)
 
 
 def by_seed(values: dict[int, float | None]) -> dict[str, Any]:

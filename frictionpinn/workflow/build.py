@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..data.check import check_trial
+from ..data.findings import OFF
 from ..data.noise import GaussianNoise, Noise, NoNoise, OutlierNoise, QuantisedNoise
-from ..data.prepare import thin
+from ..data.prepare import resample, thin
 from ..data.read import read_recording
 from ..data.recording import Recording
 from ..data.sets import load_public
 from ..data.simulated import simulate_recording
-from ..errors import UserError, choose
+from ..errors import UserError, choose, nearest
 from ..numerics.kalman import KalmanFilter, KalmanSmoother
 from ..numerics.smoothing import NoSmoothing, SavitzkyGolay, Smoother, SmoothingSpline
 from ..physics import SYSTEMS, System
 
 Config = dict[str, Any]
+NAMED = 8  # columns by name in a line
 LARGEST = 1e50  # of a recorded value: its powers still are numbers
 
 NOISE: dict[str, Callable[..., Noise]] = {
@@ -53,7 +55,7 @@ def build_system(cfg: Config) -> System:
 
         return folded(cfg["augmented"])[0]
     kind = choose(cfg["name"], SYSTEMS, "system")
-    imposed = bool(cfg.get("imposed", False))
+    imposed = bool(cfg.get("imposed")) and not kind.massless
     return kind(equations=cfg.get("equations", "lagrange"), imposed=imposed, **(cfg.get("parameters") or {}))
 
 
@@ -127,8 +129,16 @@ def _from_files(cfg: Config, system: System) -> Recording:
     if cfg.get("columns") is None:
         columns = {name: name for name in known if name in present}
         columns.setdefault("t", "t")
+    if trial_column not in (None, "trial", *present):
+        raise UserError("unknown column", where="data.trial_column", received=repr(trial_column),
+                        allowed=f"{', '.join(present)}, or null: each file is a trial",
+                        fix=nearest(trial_column, present) or "use one of the columns present")  # fmt: skip
     if trial_column is not None and trial_column not in present:
         trial_column = None
+    if cfg.get("columns") is None and present[:1] == ["c1"] and not set(known).intersection(present):
+        raise UserError("no header row", where=_paths(cfg["path"])[0], received=f"numbers in {len(present)} columns",
+                        allowed="a first row that names the columns, or their places: c1 is the first",
+                        fix=f"say data.columns={{t: c1, {system.moving[0].signals[0]}: c2, ...}}")  # fmt: skip
     unknown = [name for name in columns if name not in allowed]
     if unknown:
         choose(unknown[0], allowed, "data.columns")
@@ -148,7 +158,27 @@ def _from_files(cfg: Config, system: System) -> Recording:
                 raise UserError("value that no mechanism has", where=f"{name}, trial {trial.name}",
                                 received=f"{largest:.3g}", allowed=f"up to {LARGEST:g} in SI units",
                                 fix="check the column and its unit")  # fmt: skip
+    read = [str(column).partition("[")[0] for column in (*columns.values(), trial_column)]
+    ignored = [name for name in present if name not in read]
+    used = [name if str(column) == name else f"{name} from {column}" for name, column in columns.items()]
+    told = f"columns used: {', '.join(used)}" + (f"; ignored: {few(ignored)}" if ignored else "")
+    recording = replace(recording, notes=(told,))
     return _limited(recording, cfg.get("rate_hz"), cfg.get("max_samples"))
+
+
+def few(names: Sequence[str]) -> str:
+    """Names for a sentence, the first ones of many."""
+    return ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+
+
+def at_one_rate(recording: Recording) -> Recording:
+    """The trials at the slowest one's rate, where theirs differ by more than a quarter: networks count samples."""
+    rates = [1.0 / float(np.median(np.diff(trial.t))) for trial in recording.trials]
+    if max(rates) < OFF * min(rates):
+        return recording
+    told = f"trials recorded at {min(rates):.4g} to {max(rates):.4g} Hz: all at {min(rates):.4g} Hz (data.rate_hz)"
+    trials = [resample(thin(trial, min(rates)), min(rates)) for trial in recording.trials]
+    return replace(recording, trials=tuple(trials), notes=(*recording.notes, told))
 
 
 def _limited(recording: Recording, rate_hz: Any, max_samples: Any) -> Recording:

@@ -5,7 +5,11 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-from collections.abc import Mapping
+import signal
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +18,10 @@ import torch
 from lightning.fabric.plugins.io.torch_io import TorchCheckpointIO
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 
-from ..errors import UserError, nearest
+from ..errors import Interrupted, UserError, nearest
 from ..models import FrictionEnsemble, FrictionModel
 from ..models.base import check_same_model
+from .configs import called
 
 
 class WholeFiles(TorchCheckpointIO):
@@ -45,9 +50,54 @@ class WholeFiles(TorchCheckpointIO):
 
 
 class Checkpoints(ModelCheckpoint):
-    """best.ckpt and last.ckpt; on resuming, the best one so far counts wherever its folder is now."""
+    """best.ckpt and last.ckpt, which Ctrl-C brings up to date, too.
+
+    On resuming, the best one so far counts wherever its folder is now.
+
+    Attributes:
+        seconds_before: that a resumed training took before, s.
+    """
+
+    def __init__(self, **options: Any):
+        super().__init__(**options)
+        self.seconds_before, self._began, self._stop = 0.0, time.perf_counter(), False
+
+    @contextmanager
+    def stopped_by_user(self) -> Iterator[None]:
+        """Within, Ctrl-C ends the training after the epoch, with a checkpoint; a second one ends it at once."""
+        mine = threading.current_thread() is threading.main_thread()
+        before = signal.signal(signal.SIGINT, self._on_interrupt) if mine else None
+        try:
+            yield
+        finally:
+            if mine:
+                signal.signal(signal.SIGINT, before)
+
+    def _on_interrupt(self, *_: Any) -> None:
+        if self._stop:
+            raise Interrupted(self._told("stopped at once"))
+        self._stop = True
+
+    def _told(self, what: str) -> str:
+        last = Path(str(self.dirpath)) / "last.ckpt"
+        resume = f"go on with: {called('train')} resume={os.path.relpath(last.parents[1])}"
+        return f"{what}; {resume if last.is_file() else 'no checkpoint was written yet: start again'}"
+
+    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        super().on_train_start(trainer, pl_module)
+        self._began = time.perf_counter()
+
+    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        super().on_train_epoch_end(trainer, pl_module)
+        if self._stop:
+            trainer.save_checkpoint(Path(str(self.dirpath)) / "last.ckpt")
+            raise Interrupted(self._told(f"stopped after epoch {trainer.current_epoch + 1} of {trainer.max_epochs}"))
+
+    def state_dict(self) -> dict[str, Any]:
+        return super().state_dict() | {"seconds": self.seconds_before + time.perf_counter() - self._began}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        self.seconds_before = float(state_dict.get("seconds", 0.0))  # a checkpoint of an earlier version has none
         best = Path(str(self.dirpath)) / "best.ckpt"
         state = {**state_dict, "best_model_path": ""}
         if best.is_file():

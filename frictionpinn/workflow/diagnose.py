@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,14 +17,17 @@ from ..diagnose.diagnosis import Diagnosis
 from ..diagnose.diagnosis import diagnose as run_diagnosis
 from ..diagnose.report import draw, equations, headline, in_latex, in_mathml, span, write_page
 from ..diagnose.select import Settings
+from ..diagnose.verdict import FOUND, NO_VERDICT, PARTLY, UNEXPLAINED
 from ..errors import UserError, choose
 from ..identify.result import plain
 from ..physics import LAWS
 from ..physics.effects import EFFECTS
 from ..physics.mechanism import Mechanism
 from .build import Config, build_noise, build_recording, build_system, check_pairing, seed_of
+from .configs import called
 from .manifest import write_json
 from .provenance import commit, versions
+from .vet import vet
 
 log = logging.getLogger(__name__)
 
@@ -48,9 +52,24 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
     system = build_system(cfg["system"])
     law = choose(cfg["friction"]["name"], LAWS, "friction")()
     recording = build_noise(cfg["noise"])(build_recording(cfg["data"], system), seed_of(cfg))
+    vet(cfg, system, recording, options["free"] or ())
+    return report(examine(cfg, Mechanism(system, law, tuple(options["declared"])), recording), cfg, folder)
+
+
+def examine(cfg: Config, mechanism: Mechanism, recording: Recording) -> Diagnosis:
+    """Diagnose a declared model on a recording with the options of ``cfg``.
+
+    Args:
+        cfg: of conf/diagnose.yaml the sections ``diagnose``, ``data`` (held_out), ``friction`` (start, bounds, fixed).
+        mechanism: the declared model.
+        recording: what was measured.
+
+    Raises:
+        UserError: anything that the user can mend.
+    """
+    options = checked(cfg)
     recording = chosen_signals(recording, options["signals"])
     fitted, held_out = split(recording, cfg["data"])
-    mechanism = Mechanism(system, law, tuple(options["declared"]))
     log.info(f"diagnosing {mechanism.name} on {recording.source}: fitted to {', '.join(fitted.names)}; held out: "
              f"{', '.join(held_out.names) or 'none'}")  # fmt: skip
     settings = Settings(float(options["log10_p"]), int(options["most"]), worth=float(options["worth"]))
@@ -61,17 +80,17 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
         mechanism, fitted, held_out, effects=effects, settings=settings, start=friction["start"] or None,
         bounds=friction["bounds"], fixed=friction["fixed"], network=options["fallback"] == "network", **wanted,
     )  # fmt: skip
-    return report(d, cfg, folder, fitted, held_out)
+    return replace(d, config=cfg)
 
 
-def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out: Recording) -> dict[str, Any]:
+def report(d: Diagnosis, cfg: Config, folder: Path) -> dict[str, Any]:
     """Write result.json, figures, the page, TensorBoard and the augmented model."""
     folder.mkdir(parents=True, exist_ok=True)
-    augmented = save_augmented(folder / "augmented.yaml", d)
+    augmented = save_augmented(folder / "augmented.yaml", d, cfg["data"])
     result = as_dict(d) | {
         "data": {
-            "source": fitted.source, "sha256": fitted.checksum, "fitted": list(fitted.names),
-            "held_out": list(held_out.names),
+            "source": d.fitted.source, "sha256": d.fitted.checksum, "fitted": list(d.fitted.names),
+            "held_out": list(d.held_out.names),
         },
         "augmented_model": "augmented.yaml",
         "versions": versions(),
@@ -87,9 +106,12 @@ def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out:
     write_page(folder / "report.html", result, headline(d), mathml, paths)
     dashboard(folder / "tensorboard", d, paths)
     log.info(headline(d))
+    for sentence in d.declared.advice:
+        log.info(f"  the declared model's fit: {sentence}")
     for effect in result["effects"]:
         for name, p in effect["parameters"].items():
-            log.info(f"  {effect['name']}: {name} = {p['value']:.4g} {p['unit']} [{span(p['ci95'])}]")
+            unit = "" if p["unit"] == "1" else f" {p['unit'].replace('*', ' ')}"
+            log.info(f"  {effect['name']}: {name} = {p['value']:.4g}{unit} [{span(p['ci95'])}]")
     if d.network is not None:
         error = result["unexplained"]["network"]["error"]
         log.info(
@@ -97,7 +119,21 @@ def report(d: Diagnosis, cfg: Config, folder: Path, fitted: Recording, held_out:
             f"{error['after']:.4g} {error['unit']} (noise {error['noise_floor']:.4g}); part of the augmented model"
         )
     log.info(f"result.json, figures, the augmented model and the page report.html are in {folder}")
+    log.info(f"next: {next_step(d, folder)}")
     return result
+
+
+def next_step(d: Diagnosis, folder: Path) -> str:
+    """What the verdict suggests to do."""
+    if d.verdict in (FOUND, PARTLY):
+        model = "pe2" if d.bench.mechanism.law.memory else "bb1"
+        path = os.path.relpath(folder / "augmented.yaml")
+        return f"{called('train')} model={model} friction={path} learns the law beside them"
+    if d.verdict == NO_VERDICT:
+        return f"record what the doubts ask for; {called('check')} says what the recording holds"
+    if d.verdict == UNEXPLAINED:
+        return f"{called('diagnose')} with diagnose.fallback=network puts a network in the place of the rest"
+    return f"the model is complete as far as this recording tells; {os.path.relpath(folder)}/report.html shows it"
 
 
 def as_dict(d: Diagnosis) -> dict[str, Any]:
@@ -124,6 +160,8 @@ def as_dict(d: Diagnosis) -> dict[str, Any]:
     main = {key: value for key, value in d.errors[d.main].items() if key != "relative"}
     return {
         "verdict": d.verdict,
+        "doubts": list(d.doubts),
+        "advice": list(d.declared.advice),
         "model": {"system": system.title, "friction": d.bench.mechanism.law.name,
                   "declared": [e.name for e in d.bench.mechanism.effects]},
         "effects": effects,
@@ -209,6 +247,9 @@ def _given(table: Any) -> dict[str, Any]:
 def checked(cfg: Config) -> dict[str, Any]:
     """The section ``diagnose``, its names and numbers checked."""
     options = dict(cfg["diagnose"])
+    if cfg["smoothing"]["name"] != "none":
+        raise UserError("a diagnosis does not smooth: it estimates the motion with the parameters", where="smoothing",
+                        received=cfg["smoothing"]["name"], allowed="none", fix="leave smoothing= out")  # fmt: skip
     for key in ("effects", "declared"):
         names = options[key]
         if key == "effects" and names == "all":

@@ -10,6 +10,7 @@ from typing import Any
 
 import lightning as L
 import numpy as np
+from omegaconf import OmegaConf
 
 from ..data.contact import contact_trials
 from ..data.module import TrajectoryData
@@ -21,13 +22,13 @@ from ..identify.problem import Problem
 from ..identify.result import CONVERGED, Estimate
 from ..physics.mechanism import Mechanism
 from .build import Config, build_smoothing
+from .configs import CONF, Configs
 from .experiment import build_model
 from .load import trained_parameters
 from .train import build_trainer, quiet
 
 NETWORKS = ("pe1", "pe2")
 ESTIMATORS = ("maximum_likelihood", *METHODS, *NETWORKS)
-CONFIG = Path(__file__).resolve().parents[2] / "conf"
 
 
 def estimate(
@@ -88,13 +89,8 @@ def given_start(start: Mapping[str, Any] | str | Path, mechanism: Mechanism) -> 
 
 def default_config(overrides: list[str], name: str = "train") -> Config:
     """A configuration of conf/ (by default that of a training) with overrides, as plain values."""
-    from hydra import compose, initialize_config_dir
-    from hydra.core.global_hydra import GlobalHydra
-    from omegaconf import OmegaConf
-
-    GlobalHydra.instance().clear()
-    with initialize_config_dir(str(CONFIG), version_base="1.3"):
-        return OmegaConf.to_container(compose(name, overrides=overrides), resolve=True)  # type: ignore[return-value]
+    with Configs(CONF, name).opened() as configs:
+        return OmegaConf.to_container(configs.compose(overrides), resolve=True)  # type: ignore[return-value]
 
 
 def network(

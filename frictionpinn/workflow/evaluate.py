@@ -21,6 +21,7 @@ from ..evaluate.trajectory import Trajectory, compare
 from ..models import FrictionModel
 from ..physics import LAWS, System
 from .build import Config, build_system
+from .configs import called
 from .experiment import build_data
 from .load import load_run
 from .manifest import write_json
@@ -73,6 +74,7 @@ def evaluate(cfg: Config) -> dict[str, Any]:
     page = write_page(folder / "report.html", result, figures)
     log.info(terminal_table(result))
     log.info(f"figures, result.json and the page {page.name} are in {folder}")
+    log.info(f"next: {called('evaluate')} run={cfg['run']} export=c (or onnx, mujoco) hands the model on")
     return result
 
 

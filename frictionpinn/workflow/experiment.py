@@ -9,12 +9,13 @@ from ..errors import UserError, choose
 from ..models import MODELS, FrictionModel
 from ..models.start import complete, data_scales
 from ..physics import LAWS, System
-from .build import Config, build_noise, build_recording, build_smoothing, mapping, seed_of
+from .build import Config, at_one_rate, build_noise, build_recording, build_smoothing, mapping, seed_of
 
 
 def build_data(cfg: Config, system: System) -> TrajectoryData:
     """Recording, noise, smoothing and split of the experiment."""
     clean = build_recording(cfg["data"], system)
+    clean = at_one_rate(clean) if "model" in cfg else clean
     noisy = build_noise(cfg["noise"])(clean, seed_of(cfg))
     table = cfg["data"]
     splits = split_trials(clean.names, table.get("held_out"), table.get("validation"), table.get("training_trials"))

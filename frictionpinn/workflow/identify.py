@@ -21,16 +21,19 @@ from ..evaluate.trajectory import Trajectory, simulate, simulation_error
 from ..evaluate.yardsticks import Candidate
 from ..identify.result import Estimate, plain
 from ..numerics.simulate import Simulator
-from ..physics import LAWS
+from ..physics import LAWS, extensions
 from ..physics.mechanism import Mechanism
 from .build import Config, build_system
+from .configs import called
 from .estimate import ESTIMATORS, NETWORKS, estimate, given_start
 from .experiment import build_data
 from .manifest import write_json
+from .progress import Steps
 from .provenance import commit, versions
-from .threads import one_thread
+from .threads import one_thread, silent
 from .train import quiet
 from .trajectories import build_trajectories, recorded_trajectories, transferred
+from .vet import vet
 
 log = logging.getLogger(__name__)
 TRACED = 15  # points of a search's way whose force error is computed
@@ -52,6 +55,7 @@ def identify(cfg: Config, folder: Path) -> dict[str, Any]:
     write_json(folder / "result.json", result | {"versions": versions(), "commit": commit(), "config": cfg})
     log.info(table(result))
     log.info(f"error_against_time.png and result.json are in {folder}")
+    log.info(f"next: {called('diagnose')} with the same system, friction and data says what this law lacks")
     return result
 
 
@@ -67,7 +71,7 @@ def compare(cfg: Config) -> dict[str, Any]:
     jobs = cfg["jobs"]
     work = partial(one_seed, cfg)
     if jobs > 1 and len(cfg["seeds"]) > 1:
-        with one_thread(), ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        with one_thread(), ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=silent) as pool:
             found = list(pool.map(work, cfg["seeds"]))
     else:
         found = [work(seed) for seed in cfg["seeds"]]
@@ -94,12 +98,14 @@ def compare(cfg: Config) -> dict[str, Any]:
 def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
     """Every method on one draw of the noise, the bounds and the start."""
     quiet()
+    extensions.load(cfg.get("extensions") or ())  # in a process of its own
     cfg = cfg | {"seed": seed}
     system = build_system(cfg["system"])
     mechanism = Mechanism(system, LAWS[cfg["friction"]["name"]]())
     origin = cfg["start"]
     given = {} if origin is None or origin in NETWORKS else given_start(origin, mechanism)
     data = build_data(cfg, system)
+    vet(cfg, system, data.recording)
     recording = data.recording.select(data.splits["train"])
     if cfg["data"]["name"] == "simulated":
         trajectories = build_trajectories(transferred(cfg, None, None), system, data, {"seeds": []})
@@ -117,12 +123,13 @@ def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
     methods = sorted(cfg["methods"], key=lambda method: method != origin)  # the network that the others start from
     if origin in NETWORKS and origin not in methods:
         methods = [origin, *methods]
+    steps = Steps(len(methods))
     for method in methods:
         processor = time.process_time()
         found = estimate(method, mechanism, recording, start=start, simulations=simulations, **options)
         processor = time.process_time() - processor
         result[method] = _entry(found, processor, scorer, start) | {"seed": seed, "start": start, "bounds": bounds}
-        log.info(f"seed {seed}, {method}: {found.seconds:.1f} s, {found.outcome}")
+        steps.finish(f"seed {seed}, {method}: {found.seconds:.1f} s, {found.outcome}")
         if method == "maximum_likelihood":
             log.info(str(found))
         start = within(bounds, start | found.values) if method == origin else start

@@ -19,6 +19,7 @@ from hydra.core.utils import JobReturn, JobStatus, _save_config, setup_globals
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from ..errors import UserError, choose
+from .configs import with_extensions
 from .job import Outcome, train_job
 
 Task = tuple[dict[str, Any], str]
@@ -73,7 +74,9 @@ def _prepare(cfg: DictConfig, number: int, overrides: list[str]) -> tuple[Task, 
     _save_config(own, "config.yaml", record)
     _save_config(cfg.hydra.overrides.task, "overrides.yaml", record)
     plain: dict[str, Any] = OmegaConf.to_container(own, resolve=True)  # type: ignore[assignment]
-    return (plain, str(folder)), JobReturn(overrides=overrides, cfg=own, task_name=str(cfg.hydra.job.name))
+    return (with_extensions(plain), str(folder)), JobReturn(
+        overrides=overrides, cfg=own, task_name=str(cfg.hydra.job.name)
+    )
 
 
 def on_ray(options: Mapping[str, Any], tasks: Sequence[Task]) -> Iterator[tuple[int, Outcome | BaseException]]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import UserError, nearest
 from ..models import MODELS, FrictionEnsemble, FrictionModel
-from ..physics import System
+from ..physics import System, extensions
 from ..physics.mechanism import Mechanism
 from .build import Config, build_system
 from .checkpoints import load_checkpoint
@@ -30,6 +30,7 @@ def load_run(folder: str | Path, where: str = "run") -> tuple[Config, System, Fr
     """
     folder = Path(folder)
     cfg = _configuration(folder, where)
+    extensions.load(cfg.get("extensions") or ())
     checkpoint = load_checkpoint(folder / "checkpoints" / "best.ckpt", where)
     options: dict[str, Any] = dict(checkpoint.get("hyper_parameters") or {})
     if options.get("name") not in MODELS or options["name"] != cfg["model"]["name"]:

@@ -20,11 +20,14 @@ from ..models import FrictionEnsemble, FrictionModel
 from ..models.base import Batch
 from ..physics import LAWS, System
 from .build import Config
+from .configs import called
 from .dashboard import show_figures, show_hyper_parameters
 from .ensemble import band, member_spread, uncertainty
 from .manifest import write_json as write_json
 from .provenance import commit, versions
 
+HALF = 0.5  # of the force, root mean square: a model that leaves more is none
+HARDLY_TOLD = ("sigma_0", "sigma_1", "mu_s", "v_s")  # between stick and slip noise blurs a network's map
 GRID = 61  # values of velocity and of normal force in the figure of characteristics
 
 
@@ -150,6 +153,21 @@ def figures(
     return drawn
 
 
+def doubts(result: Mapping[str, Any]) -> list[str]:
+    """What to know before using the model: that it is no better than two numbers, or leaves most of the force."""
+    error, said = result["force_error"], []
+    ours, theirs = error["model"], error["coulomb_viscous"]
+    if ours["rmse"] >= theirs["rmse"]:
+        said.append("the model predicts no better than Coulomb + viscous friction, two numbers")
+    if ours["relative"] > HALF:
+        said.append(f"it leaves {100 * ours['relative']:.0f} % of the force: {called('check')} tells of signs, "
+                    "units and masses")  # fmt: skip
+    untold = [name for name in HARDLY_TOLD if name in result["parameters"] and "refined" not in result]
+    if untold:
+        said.append(f"a training hardly tells {', '.join(untold)}: refine=true estimates them with intervals")
+    return said
+
+
 def readable(unit: str) -> str:
     """Unit as people write it: N*m becomes N m."""
     return unit.replace("*", " ")
@@ -178,6 +196,7 @@ def summarise(result: Mapping[str, Any], folder: Path) -> str:
     for key, label in (("model", result["model"]), ("coulomb_viscous", "Coulomb + viscous fit")):
         item = error[key]
         lines.append(f"  {label:<22}{item['rmse']:>10.4g} {unit} rms  ({100 * item['relative']:.3g} % of the force)")
+    lines += [f"mind: {sentence}" for sentence in doubts(result)]
     if "ensemble" in result:
         told = result["ensemble"]
         lines.append(

@@ -8,8 +8,9 @@ from pathlib import Path
 from omegaconf import OmegaConf
 
 from ..errors import UserError, nearest
-from .cli import quote
+from .configs import quote
 from .manifest import MANIFEST, RESULT, read_manifest
+from .options import parsed
 
 _MANNER = ("hydra", "trainer.threads", "trainer.progress_bar", "trainer.max_epochs")
 
@@ -26,11 +27,13 @@ def resumed(arguments: Sequence[str]) -> list[str]:
     Raises:
         UserError: no such folder, nothing to go on with, further options that would make it another experiment.
     """
-    chosen = [item for item in arguments if item.startswith("resume=")]
+    given = parsed(arguments).overrides
+    chosen = [item for item in given if item.startswith("resume=")]
+    flags = [item for item in arguments if item not in given and item not in ("-m", "--multirun")]
     if not chosen:
         return list(arguments)
     folder = Path(chosen[-1].partition("=")[2].strip("'\"")).expanduser()
-    others = [item for item in arguments if not item.startswith("resume=") and item not in ("-m", "--multirun")]
+    others = [item for item in given if not item.startswith("resume=")]
     for item in others:
         if not item.startswith(_MANNER):
             raise UserError(
@@ -46,8 +49,8 @@ def resumed(arguments: Sequence[str]) -> list[str]:
             "no such folder", where="resume", received=str(folder), fix=nearest(folder, near) or "name a run's folder"
         )
     if (folder / MANIFEST).exists():
-        return _sweep(folder, others)
-    return _run(folder, others)
+        return [*flags, *_sweep(folder, others)]
+    return [*flags, *_run(folder, others)]
 
 
 def _sweep(folder: Path, others: list[str]) -> list[str]:
@@ -65,7 +68,7 @@ def _run(folder: Path, others: list[str]) -> list[str]:
             "neither a run nor a sweep",
             where="resume",
             received=str(folder),
-            allowed="a folder that train.py wrote",
+            allowed="the folder of a training or of a sweep",
             fix=f"did you mean '{inside[-1]}'?" if inside else "give the folder that holds checkpoints/",
         )
     longer = any(item.startswith("trainer.max_epochs") for item in others)

@@ -12,8 +12,9 @@ from filelock import FileLock, Timeout
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
-from ..errors import UserError, unwritable
+from ..errors import Interrupted, UserError, unwritable
 from . import cli
+from .configs import called, quote
 from .manifest import MANIFEST, STATUS, Job, digest, read_manifest, result_of, set_status, status_of, write_manifest
 from .summary import summarise_sweep
 
@@ -62,11 +63,10 @@ class Sweep:
                 "another process runs this sweep", where="hydra.sweep.dir", received=self.told, fix="wait for its end"
             ) from error
         except OSError as error:
-            fix = f"make room or allow it, then python train.py resume={self.told}"
+            fix = f"make room or allow it, then {called('train')} resume={self.told}"
             raise unwritable(error, self.told, fix) from error
         except KeyboardInterrupt:
-            print(f"\nstopped; go on with: python train.py resume={self.told}", flush=True)
-            raise
+            raise Interrupted(f"stopped; go on with: {called('train')} resume={self.told}") from None
 
     def _run(self, launcher: Any, batch: int) -> list[Any]:
         jobs = self._plan()
@@ -84,7 +84,7 @@ class Sweep:
         failed = [job for job in jobs if not result_of(self.folder / job.folder)]
         cli.failed_jobs += len(failed)
         if failed:
-            print(f"run the failed jobs again with: python train.py resume={self.told}", flush=True)
+            print(f"run the failed jobs again with: {called('train')} resume={self.told}", flush=True)
         return [result_of(self.folder / job.folder) for job in jobs]
 
     def _plan(self) -> list[Job]:
@@ -148,7 +148,7 @@ class Sweep:
             rest, alone = lost, True
 
     def _call(self, launcher: Any, jobs: list[Job]) -> Exception | None:
-        overrides = [[*job.overrides, *self.manner, f"hydra.sweep.subdir={cli.quote(job.folder)}"] for job in jobs]
+        overrides = [[*job.overrides, *self.manner, f"hydra.sweep.subdir={quote(job.folder)}"] for job in jobs]
         try:
             launcher.launch(overrides, initial_job_idx=jobs[0].number)
         except UserError:

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"  # that set the number of threads
+
+
+def silent() -> None:
+    """Let Ctrl-C end this process without a traceback: the one that started it says what became of the work."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @contextmanager

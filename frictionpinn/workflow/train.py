@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import logging
+import os
 import sys
 import threading
 import time
@@ -16,18 +17,21 @@ import lightning as L
 import torch
 from lightning.pytorch.callbacks import Callback, EarlyStopping
 from lightning.pytorch.loggers import TensorBoardLogger
+from lightning.pytorch.utilities.exceptions import MisconfigurationException
 
 from ..data.module import TrajectoryData
 from ..errors import DISK, UserError, unwritable
 from .build import Config, build_system, check_pairing, seed_of
 from .callbacks import Progress, Scalars, StopOnNaN
 from .checkpoints import Checkpoints, EveryFew, WholeFiles, bring_best, check_resumable, load_checkpoint, use_best
+from .configs import called
 from .dashboard import Dashboard
 from .ensemble import MembersBest, prepare, size_of
 from .manifest import check_free, write_json
 from .refine import check_refinable, refine
 from .result import parameters, report, summarise
 from .rollout import check_rollout, rollout
+from .vet import vet
 
 log = logging.getLogger(__name__)
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # M_TRIM_THRESHOLD and M_MMAP_THRESHOLD of glibc's malloc.h
@@ -68,6 +72,7 @@ def _train(cfg: Config, folder: Path) -> dict[str, Any]:
     announce_compilation(cfg)
     system = build_system(cfg["system"])
     data, model = prepare(cfg, system)
+    vet(cfg, system, data.recording)
     step = None
     if cfg.get("ckpt_path"):
         checkpoint = load_checkpoint(cfg["ckpt_path"], "ckpt_path")
@@ -77,14 +82,14 @@ def _train(cfg: Config, folder: Path) -> dict[str, Any]:
     dashboard = Dashboard(parameters(cfg, system, model))
     trainer = build_trainer(cfg, folder, bool(data.splits["validation"]), step, dashboard)
     log.info(announce(cfg, data))
-    start = time.perf_counter()
-    trainer.fit(model, datamodule=data, ckpt_path=cfg.get("ckpt_path"), weights_only=True)
-    if trainer.interrupted:
-        raise KeyboardInterrupt
-    seconds = {"training": time.perf_counter() - start}
+    start, writer = time.perf_counter(), trainer.checkpoint_callback
+    assert isinstance(writer, Checkpoints)
+    with writer.stopped_by_user():
+        trainer.fit(model, datamodule=data, ckpt_path=cfg.get("ckpt_path"), weights_only=True)
+    seconds = {"training": time.perf_counter() - start + writer.seconds_before}
     use_best(model, trainer)
     model.eval()
-    seconds["total"] = time.perf_counter() - begin
+    seconds["total"] = time.perf_counter() - begin + writer.seconds_before
     told = {"epochs": int(trainer.current_epoch), "device": str(trainer.strategy.root_device), "seconds": seconds}
     result = report(cfg, folder, system, data, model, told, trainer.loggers, trainer.global_step)
     if cfg.get("refine"):
@@ -93,6 +98,7 @@ def _train(cfg: Config, folder: Path) -> dict[str, Any]:
         result["rollout"] = rollout(system, data, model, folder)
     write_json(folder / "result.json", result)
     log.info(summarise(result, folder))
+    log.info(f"next: {called('evaluate')} run={os.path.relpath(folder)}")
     return result
 
 
@@ -195,7 +201,7 @@ def build_trainer(
             enable_progress_bar=False,
             enable_model_summary=False,
         )
-    except (ValueError, RuntimeError) as error:
+    except (ValueError, RuntimeError, MisconfigurationException) as error:
         raise UserError(
             "the trainer refuses its options",
             where="trainer",

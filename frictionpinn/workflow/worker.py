@@ -16,6 +16,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from ..errors import UserError
+from ..physics import extensions
 from .checkpoints import load_checkpoint
 from .manifest import RESULT, digest, result_of, set_status
 from .train import train
@@ -77,6 +78,7 @@ def _train(cfg: dict[str, Any], folder: Path) -> None:
         raise UserError("a folder with another run's result", where=str(folder), fix="sweep in another folder")
     last = folder / "checkpoints" / "last.ckpt"
     set_status(folder, "running", process=os.getpid())
+    extensions.load(cfg.get("extensions") or ())
     if last.is_file():
         try:
             load_checkpoint(last, "checkpoint")

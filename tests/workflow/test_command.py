@@ -28,7 +28,8 @@ def test_the_main_job_writes_its_run_under_outputs_and_says_where(finished):
     assert {item.name for item in (run / "checkpoints").iterdir()} == {"best.ckpt", "last.ckpt"}
     lines = process.stdout.splitlines()
     assert "4000 samples of 5 trials; held out: 6" in lines[0]
-    assert str(run.relative_to(folder)) in lines[-1] and lines[-1].startswith("3 epochs in")
+    assert str(run.relative_to(folder)) in lines[-2] and lines[-2].startswith("3 epochs in")
+    assert lines[-1] == f"next: python evaluate.py run={run.relative_to(folder)}"
     table = json.loads((run / "result.json").read_text())["parameters"]
     row = next(line.split() for line in lines if line.startswith("mu_c"))
     assert float(row[1]) == pytest.approx(table["mu_c"]["value"], rel=1e-3) and row[-1] == "0.3"

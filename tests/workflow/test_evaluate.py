@@ -202,5 +202,5 @@ def test_the_command_prints_the_table_and_leaves_nothing_else_behind(run, tmp_pa
     process = call("evaluate.py", f"run={run}", *BRIEF, cwd=tmp_path)
     assert process.returncode == 0, process.stderr
     assert "PE1" in process.stdout and "Coulomb + viscous fit" in process.stdout
-    assert process.stdout.splitlines()[-1].endswith(str(run / "evaluation"))
+    assert process.stdout.splitlines()[-2].endswith(str(run / "evaluation"))
     assert "Warning" not in process.stderr and not list(tmp_path.iterdir())

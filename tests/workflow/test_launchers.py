@@ -15,7 +15,7 @@ import pytest
 from sweeping import LONG, running, start, wait_for
 
 from frictionpinn.errors import UserError
-from frictionpinn.workflow import cli
+from frictionpinn.workflow import cli, options
 from frictionpinn.workflow.launchers import _left_the_queue
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
@@ -64,7 +64,7 @@ def test_a_launcher_that_there_is_not_is_named():
 
 
 def test_a_launcher_whose_package_is_missing_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(cli, "find_spec", lambda name: None)
+    monkeypatch.setattr(options, "find_spec", lambda name: None)
     with pytest.raises(UserError, match=r"submitit is not installed: hydra/launcher is slurm; pip install .*\[slurm\]"):
         cli.check_command_line(CONF, "train", ["-m", "hydra/launcher=slurm"])
 

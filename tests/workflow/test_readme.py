@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from frictionpinn.physics import SYSTEMS
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -28,7 +30,7 @@ def test_a_system_of_ones_own_is_one_file_one_yaml_and_one_line(tmp_path):
         "Damper)}", "Damper, TiltingTable)}"
     )
     (systems / "__init__.py").write_text(listing)
-    command = [sys.executable, "train.py", "model=pe2", "system=tilt", "trainer.max_epochs=30", "hydra.run.dir=run"]
+    command = [sys.executable, "train.py", "model=pe2", "system=tilt", "trainer.max_epochs=2", "hydra.run.dir=run"]
     done = subprocess.run(
         command,
         cwd=tmp_path,
@@ -47,7 +49,8 @@ def test_every_option_that_the_readme_names_exists():
         row = re.search(rf"\| `{group}` \| (.*?) \|", (ROOT / "README.md").read_text(encoding="utf-8")).group(1)
         named = set(re.findall(r"`(\w+)`", row))
         present = {path.stem for path in (ROOT / "conf" / group).glob("*.yaml")}
-        assert named == present, group
+        assert named <= present, group
+        assert group != "system" or present - named <= set(SYSTEMS), group
 
 
 def test_the_example_of_maximum_likelihood_runs_as_printed(capsys):

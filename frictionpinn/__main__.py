@@ -1,0 +1,5 @@
+"""``python -m frictionpinn COMMAND ...``."""
+
+from frictionpinn.workflow.commands import main
+
+main()

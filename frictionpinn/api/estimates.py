@@ -1,0 +1,205 @@
+"""What recordings tell: parameters with their uncertainty, what a model lacks, the friction force online."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from ..data.recording import Recording
+from ..diagnose.diagnosis import Diagnosis
+from ..errors import UserError, nearest
+from ..identify.bound import Bound
+from ..identify.bound import bound as cramer_rao
+from ..identify.problem import Problem
+from ..identify.result import Estimate
+from ..online.estimator import OnlineEstimator
+from ..physics import extensions
+from ..physics.mechanism import Mechanism
+from ..workflow.configs import written
+from ..workflow.diagnose import examine
+from ..workflow.estimate import estimate
+from ..workflow.options import composed
+from ..workflow.vet import admit
+
+Values = Mapping[str, float] | Estimate
+
+
+def fit(
+    mechanism: Mechanism,
+    recording: Recording,
+    *,
+    method: str = "maximum_likelihood",
+    start: Mapping[str, float] | str | None = None,
+    seed: int = 0,
+    check: str = "refuse",
+    **options: Any,
+) -> Estimate:
+    """Estimate the parameters of a mechanism's friction law, and of effects that ``free`` names.
+
+    Args:
+        mechanism: system, friction law, effects.
+        recording: what was measured, SI units, noise included.
+        method: "maximum_likelihood", "least_squares", "nelder_mead", "genetic", "pe1" or "pe2".
+        start: start values by name, SI units; "pe1" or "pe2"; or the folder of a training. Without, from the data.
+        seed: of what is random.
+        check: "refuse" a recording that :func:`check` finds wrong, or "warn" and go on.
+        options: as in the configurations: ``free``, ``fixed={"v_s": 1e-3}``, ``bounds={"mu_c": [0.1, 0.5]}``,
+            ``sigmas`` (noise standard deviations by signal), ``inputs``, ``initial``, ``windows`` (s), ``loss``; of
+            networks ``epochs``, of searches ``simulations``.
+
+    Returns:
+        Values, 95 % intervals and covariance (n, n), SI units, and in words what the recording does not tell.
+
+    Raises:
+        UserError: a recording that contradicts itself or the system; names, bounds or signals that do not fit; a model
+            that cannot be simulated on these data.
+
+    Examples:
+        >>> import frictionpinn as fp
+        >>> model = fp.mechanism("drive", "coulomb_viscous")
+        >>> trials = [{"duration": 1.0, "force": "8*sin(2*pi*t)"}]
+        >>> log = fp.simulate(model, {"mu_c": 3.0, "sigma_2": 2.0}, trials, rate_hz=200, noise=0.01)
+        >>> fitted = fp.fit(model, log)
+        >>> fitted.outcome, round(fitted.values["mu_c"], 1)
+        ('converged', 3.0)
+    """
+    extensions.load()
+    _known("fit", options, [*_parameters_of(Problem.__init__)[3:], "epochs", "simulations"])
+    admit(mechanism.system, recording, check, options.get("free") or ())
+    return estimate(method, mechanism, recording, start=start, seed=seed, **options)
+
+
+def bound(mechanism: Mechanism, recording: Recording, values: Values, **options: Any) -> Bound:
+    """The least standard errors that any estimator can reach on a recording, before any fit (Cramer-Rao).
+
+    Args:
+        mechanism: system, friction law, effects.
+        recording: its times, inputs and noise count: simulated, or measured.
+        values: parameters at which the bound holds, by name, SI units, or an estimate.
+        options: ``sigmas`` (noise standard deviations by signal; without, from the recording), ``inputs``, ``free``,
+            ``fixed``, ``initial``, ``windows``.
+
+    Returns:
+        Standard errors, covariance (n, n), SI units, and in words what cannot be told.
+
+    Raises:
+        UserError: a parameter without a value; a model that cannot be simulated at these values.
+
+    Examples:
+        >>> import frictionpinn as fp
+        >>> model, truth = fp.mechanism("drive", "coulomb_viscous"), {"mu_c": 3.0, "sigma_2": 2.0}
+        >>> log = fp.simulate(model, truth, [{"duration": 1.0, "force": "8*sin(2*pi*t)"}], rate_hz=200, noise=0.01)
+        >>> fp.bound(model, log, truth).relative["mu_c"] < 0.01
+        True
+    """
+    extensions.load()
+    _known("bound", options, _parameters_of(Problem.__init__)[3:])
+    return cramer_rao(mechanism, recording, _values(values), **options)
+
+
+def diagnose(
+    mechanism: Mechanism,
+    recording: Recording,
+    *,
+    held_out: Sequence[str] | None = None,
+    start: Mapping[str, float] | None = None,
+    bounds: Mapping[str, Sequence[float]] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    check: str = "refuse",
+    **options: Any,
+) -> Diagnosis:
+    """What a declared model lacks in a recording: effects with their sizes, or the variable on which the rest depends.
+
+    Args:
+        mechanism: the declared model; effects in it are declared, too.
+        recording: what was measured, SI units.
+        held_out: names of trials that no fit sees; by default the last, or the end of the only one.
+        start, bounds, fixed: of the parameters of the declared model, by name, SI units.
+        check: "refuse" a recording that :func:`check` finds wrong, or "warn" and go on.
+        options: as in the section ``diagnose`` of conf/diagnose.yaml: ``effects=["drag", "delay"]``, ``worth``,
+            ``most``, ``log10_p``, ``fallback``, ``free``, ``signals``, ``inputs``, ``initial``, ``windows``, ``loss``.
+
+    Returns:
+        The verdict with its evidence; ``.save(folder)`` writes the page and the augmented model.
+
+    Raises:
+        UserError: a recording that contradicts itself or the system; options that there are not; a declared model that
+            cannot be fitted.
+
+    Examples:
+        >>> import frictionpinn as fp
+        >>> drive = fp.system("drive")
+        >>> truth = fp.mechanism(drive, "coulomb_viscous", ["constant_force"])
+        >>> trials = [{"duration": 1.0, "force": "8*sin(2*pi*t)"}, {"duration": 1.0, "force": "9*sin(3*pi*t)"}]
+        >>> values = {"mu_c": 3.0, "sigma_2": 2.0, "constant_force": 0.5}
+        >>> log = fp.simulate(truth, values, trials, rate_hz=200, noise=0.01)
+        >>> missing = fp.diagnose(fp.mechanism(drive, "coulomb_viscous"), log, effects=["constant_force"])
+        >>> missing.verdict, [effect["name"] for effect in missing.to_dict()["effects"]]
+        ('effect found', ['constant_force'])
+    """
+    extensions.load()
+    system = mechanism.system
+    defaults = composed("diagnose", ["data.path=recording"])
+    _known("diagnose", options, [key for key in defaults["diagnose"] if key != "declared"])
+    cfg = composed("diagnose", ["data.path=recording", *(f"diagnose.{k}={written(v)}" for k, v in options.items())])
+    admit(system, recording, check, cfg["diagnose"]["free"] or ())
+    cfg["diagnose"]["declared"] = [effect.name for effect in mechanism.effects]
+    cfg["data"] |= {"held_out": None if held_out is None else list(held_out)}
+    cfg["system"] = {"name": system.name, "equations": system.equations, "parameters": dict(system.values)}
+    given = {"start": start, "bounds": bounds, "fixed": fixed}
+    cfg["friction"] = {"name": mechanism.law.name, **{key: dict(value or {}) for key, value in given.items()}}
+    return examine(cfg, mechanism, recording)
+
+
+def online(
+    mechanism: Mechanism,
+    parameters: Values,
+    recording: Recording,
+    *,
+    adapt: Mapping[str, float] | None = None,
+    check: str = "refuse",
+) -> OnlineEstimator:
+    """An estimator of the friction force for a controller: one sample at a time, causal, with a 95 % interval.
+
+    Args:
+        mechanism: system, friction law, effects that do not act on sensors.
+        parameters: by name, SI units, or an estimate.
+        recording: training trials, from which noise levels and the smoothness of the inputs are taken.
+        adapt: parameters that the surface may change -> relative change per square root of a second of sliding.
+        check: "refuse" a recording that :func:`check` finds wrong, or "warn" and go on.
+
+    Returns:
+        An object with ``update(t, {signal: value})``, t in s, which returns force, low, high and status.
+
+    Raises:
+        UserError: a recording that contradicts itself or the system; a parameter without a value, an effect on sensors.
+
+    Examples:
+        >>> import frictionpinn as fp
+        >>> model, truth = fp.mechanism("drive", "coulomb_viscous"), {"mu_c": 3.0, "sigma_2": 2.0}
+        >>> log = fp.simulate(model, truth, [{"duration": 1.0, "force": "8*sin(2*pi*t)"}], rate_hz=200, noise=0.01)
+        >>> estimator, trial = fp.online(model, truth, log), log.trials[0]
+        >>> for k, t in enumerate(trial.t[:50]):
+        ...     reading = estimator.update(t, {name: trial.signals[name][k] for name in estimator.signals})
+        >>> reading.status, reading.low < reading.force < reading.high
+        ('ok', True)
+    """
+    admit(mechanism.system, recording, check)
+    return OnlineEstimator.fit(mechanism, _values(parameters), recording, adapt)
+
+
+def _values(values: Values) -> dict[str, float]:
+    """Parameters by name, of an estimate too."""
+    return dict(values.values if isinstance(values, Estimate) else values)
+
+
+def _parameters_of(function: Any) -> list[str]:
+    return list(inspect.signature(function).parameters)
+
+
+def _known(function: str, options: Iterable[str], allowed: Sequence[str]) -> None:
+    for key in options:
+        if key not in allowed:
+            raise UserError("unknown option", where=function, received=key, allowed=", ".join(allowed),
+                            fix=nearest(key, allowed) or "use one of the allowed names")  # fmt: skip

@@ -1,0 +1,283 @@
+"""Whether forces and motion balance: inertia as declared, signs that fit, friction that brakes.
+
+Where the contact slides for certain, the equation of motion E + J F_f = 0 is a regression: what drives it is a times
+the declared inertia plus dry, viscous and constant friction, with a = 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import sympy as sp
+from scipy.ndimage import minimum_filter1d
+
+from ..numerics.motion_function import motion_function
+from ..physics import System
+from .filters import FEWEST, Sampled, clear, filtered, noise_gain, widths
+from .findings import ANOTHER, CLEAR, EXPLAINED, HALF, INERTIAL, OFF, SURE, Finding, listed, named_factor
+
+SLIDING = 0.15  # of the largest slip velocity: faster counts as sliding, as in frictionpinn.identify.motion
+Motion = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Balance:
+    """What the regression says.
+
+    Attributes:
+        inertia: times the declared one; None where there is none. ``error`` its standard error.
+        brakes: power of dry and viscous friction over its size, 1: it brakes throughout; ``sure``: of mu_c and sigma_2,
+            the largest standard errors by which one is told.
+        share: of the driving force's variance that the regression explains.
+        forces: parameters of the system that were fitted with it (gravity on a joint's arm), SI units.
+        moves: share of that variance which is inertia's, of a system without it that which goes with acceleration.
+        elastic: share of it that goes with the position alone.
+    """
+
+    inertia: float | None
+    error: float
+    brakes: float
+    sure: float
+    share: float
+    moves: float
+    elastic: float
+    forces: dict[str, float]
+
+    @property
+    def fits(self) -> bool:
+        """Whether forces and motion go together as declared."""
+        return not self.heavier and not self.drives
+
+    @property
+    def heavier(self) -> bool:
+        """Whether the inertia is another than declared."""
+        if self.inertia is None or abs(self.inertia - 1) < SURE * self.error:
+            return False
+        return not 1 / ANOTHER < self.inertia < ANOTHER
+
+    @property
+    def drives(self) -> bool:
+        """Whether friction would drive the motion."""
+        return self.brakes < 0 and self.sure > SURE
+
+
+def balance_findings(
+    system: System, trials: Sequence[Sampled], sigmas: dict[str, float], inertia_free: bool = False
+) -> list[Finding]:
+    """What forces and motion say of masses, signs and units.
+
+    Args:
+        inertia_free: masses are estimated with the friction: another than declared is no fault.
+    """
+    motions = smooth_motion(system, trials, sigmas)
+    rows = _rows(system)
+    if not motions or rows is None:
+        return []
+    found = rows(motions)
+    if found is None:
+        return []
+    if gravity := _missing_forces(system, motions, found):
+        return [] if inertia_free else [gravity]
+    if found.inertia is None and found.moves > INERTIAL:
+        what = f"{100 * found.moves:.0f} % of the measured force goes with the acceleration: it moves a mass that "
+        return [Finding(f"{what}system={system.name} has not (inertia)", "take system=drive or joint", grave=True)]
+    if found.fits and not (found.share < HALF and found.moves > HALF):
+        return []
+    if inertia_free and not found.drives and (found.inertia is None or found.inertia > 0):
+        return []
+    better = []
+    for name, change in _alternatives(system, sigmas):
+        other = rows([change(motion) for motion in motions])
+        if other is not None and other.fits and other.share > EXPLAINED:
+            better.append((other.share, name))
+    ranked = [name for _, name in sorted(better, reverse=True)[:3]]
+    fix = f"they fit with {' or with '.join(ranked)}" if ranked else ""
+    if found.heavier and found.inertia is not None and found.share >= HALF:
+        masses = ", ".join(f"{n} = {v:g}" for n, v in system.values.items() if _inertial(system, n))
+        if found.inertia > 0:
+            what = f"force and motion fit {found.inertia:.3g} times the declared inertia ({masses}), a factor of " \
+                   f"{named_factor(found.inertia)}"  # fmt: skip
+            advice = f"set system.parameters to what moves, or check the units of {listed(_involved(system, sigmas))}"
+            return [Finding(what, "; ".join(filter(None, [advice, fix])), grave=True)]
+        if not ranked and found.inertia < -ANOTHER and found.elastic > HALF:
+            what = "nothing slips here: the force goes with the position as in a spring, no friction can be told"
+            return [Finding(what, "record a motion that breaks loose", grave=True)]
+        what = f"force and motion have opposite signs: they would need {found.inertia:.3g} times the declared inertia"
+        return [
+            Finding(what, fix or "turn the force or the motion: data.gains={...: -1}, or check system=", grave=True)
+        ]
+    if found.drives:
+        what = "friction would drive the motion: force and velocity have signs that do not go together"
+        return [Finding(what, fix or "turn one of them: data.gains={...: -1}", grave=True)]
+    what = (
+        f"the equation of motion of system={system.name} explains {100 * max(found.share, 0):.0f} % of what drives it"
+    )
+    advice = fix or "another system, a column that is something else, or friction that is neither dry nor viscous"
+    return [Finding(what, advice, grave=bool(ranked))]
+
+
+def _missing_forces(system: System, motions: Sequence[Motion], found: Balance) -> Finding | None:
+    """Forces of the system that were left at zero and without which nothing fits: gravity on a joint's arm."""
+    names = tuple(par.name for par in system.parameters if par.neutral is not None and system.values[par.name] == 0)
+    rows = _rows(system, names) if names else None
+    other = rows(motions) if rows is not None else None
+    if other is None or other.drives or 1 - other.share > HALF * (1 - found.share):
+        return None
+    now: dict[str, float] = {
+        n: v for n, v in system.values.items() if v is not None and (n in names or _inertial(system, n))
+    }
+    times = 1.0 if other.inertia is None or 1 / OFF < other.inertia < OFF else other.inertia
+    told = ", ".join(f"{n} = {other.forces.get(n, times * v):.3g} in place of {v:g}" for n, v in now.items())
+    return Finding(f"force and motion fit with {told}",
+                   "set them in system.parameters, or let them be estimated (diagnose.free)", grave=True)  # fmt: skip
+
+
+def smooth_motion(system: System, trials: Sequence[Sampled], sigmas: dict[str, float]) -> list[Motion]:
+    """Every coordinate's position, velocity and acceleration and the inputs, through one window for all."""
+    width = _width(system, trials, sigmas)
+    motions = []
+    for trial in trials:
+        if width is None or trial.span < 3 * width:
+            continue
+        own: Motion = {}
+        for c in system.moving:
+            for k, name in enumerate(c.signals):
+                source = next((j for j in range(k, -1, -1) if c.signals[j] in trial.signals), None)
+                if source is not None:
+                    own[name] = filtered(trial, c.signals[source], width, k - source)
+                elif k < 2 and (above := [j for j in (1, 2) if j > k and c.signals[j] in trial.signals]):
+                    rate = filtered(trial, c.signals[above[0]], width)
+                    for _ in range(above[0] - k):
+                        rate = np.cumsum(rate - (rate.mean() if above[0] == 2 else 0.0)) * trial.dt
+                    own[name] = rate
+        for item in system.inputs:
+            if item.name in trial.signals:
+                own[item.name] = filtered(trial, item.name, width)
+            top = max((j for j in range(3) if c.signals[j] in trial.signals), default=None)
+            if top is not None:  # of the noise that the acceleration brings
+                level = sigmas[c.signals[top]] ** 2 * noise_gain(trial, width, 2 - top)
+                own[f"_noise_{c.name}"] = np.full(len(own[c.signals[2]]), level)
+        own["_independent"] = np.full(len(next(iter(own.values()))), trial.dt / width)
+        own["_width"] = np.full(1, max(round(width / trial.dt), FEWEST))
+        motions.append(own)
+    return motions
+
+
+def _width(system: System, trials: Sequence[Sampled], sigmas: dict[str, float]) -> float | None:
+    """The shortest window through which accelerations and inputs stand clear of noise, or the clearest."""
+    best: tuple[float, float | None] = (0.0, None)
+    wanted = [(c.signals[j], 2 - j) for c in system.moving for j in (2, 1, 0) if c.signals[j] in sigmas]
+    seen: dict[str, tuple[str, int]] = {}
+    for name, order in wanted:  # of each coordinate the highest derivative that was measured
+        seen.setdefault(next(c.name for c in system.moving if name in c.signals), (name, order))
+    parts = [*seen.values(), *((i.name, 0) for i in system.inputs if i.name in sigmas)]
+    for width in widths(trials):
+        shares = [clear(trials, name, sigmas[name], width, order)[0] for name, order in parts if sigmas[name] > 0]
+        worst = min(shares, default=1.0)
+        if worst >= CLEAR:
+            return width
+        best = max(best, (worst, width), key=lambda item: item[0])
+    return best[1] if best[0] > HALF else None
+
+
+def _rows(system: System, forces: tuple[str, ...] = ()) -> Callable[[Sequence[Motion]], Balance | None] | None:
+    """The regression of the first coordinate on which friction acts, as a function of motions.
+
+    ``forces`` are parameters to fit with it, linear in the equation.
+    """
+    acting = [c for c in system.moving if system.jacobian[c.name] != 0 and c.name not in system.driven]
+    if not acting:
+        return None
+    c = acting[0]
+    residual, J = system.residual(c), sp.sympify(system.jacobian[c.name])
+    slope = sp.diff(residual, c.symbols[2])
+    inertia = slope * c.symbols[2]
+    place = system.slip_position if system.slip_position is not None else sp.Integer(0)
+    equations = (residual - inertia, inertia, J, system.N, system.v_slip, slope, place, system.a_slip)
+    parts = [motion_function(system, sp.sympify(e)) for e in equations]
+    extra = [motion_function(system, sp.diff(residual, sp.Symbol(name, real=True))) for name in forces]
+    values = {par.name: float(par.value or 0.0) for par in system.parameters} | dict(system.values)
+
+    def regress(motions: Sequence[Motion]) -> Balance | None:
+        columns: list[list[np.ndarray]] = [[] for _ in range(9 + len(extra))]
+        speeds = [parts[4](m, values) for m in motions]
+        largest = float(np.quantile(np.abs(np.concatenate(speeds)), 0.99))
+        for motion, v in zip(motions, speeds, strict=True):
+            size = int(motion["_width"][0])
+            sliding = minimum_filter1d(np.abs(v), size) > SLIDING * largest
+            drive, own, j, N, _, mass, x, a = (f(motion, values) for f in parts)
+            noise = mass**2 * motion.get(f"_noise_{c.name}", np.zeros(len(v)))
+            known = (drive, own, j, N, v, motion["_independent"], noise, x, a, *(f(motion, values) for f in extra))
+            for column, y in zip(columns, known, strict=True):
+                column.append(y[sliding])
+        drive, own, j, N, v, weight, noise, x, a, *further = (np.concatenate(column) for column in columns)
+        if np.any(own) and not float(np.mean(noise)) < (1 - CLEAR) * float(np.mean(own**2)):
+            return None  # noise in the acceleration would take inertia away
+        independent = float(weight.sum())
+        if independent < 10 or not np.var(drive) > 0:  # two looks for each of five unknowns
+            return None
+        dry, viscous = -j * N * np.sign(v), -j * v
+        A = np.stack([-own if np.any(own) else -j * a, dry, viscous, -j, *(-column for column in further)], axis=1)
+        size = np.sqrt(np.mean(A**2, axis=0))
+        unit = A / np.where(size > 0, size, 1.0)
+        coefficients, *_ = np.linalg.lstsq(unit, drive, rcond=None)
+        left = drive - unit @ coefficients
+        spread = np.linalg.pinv(unit.T @ unit / len(drive)) * float(np.mean(left**2)) / independent
+        errors = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+        scaled = coefficients / np.where(size > 0, size, 1.0)
+        force = -(scaled[1] * dry + scaled[2] * viscous) * np.sign(j)
+        power = float(np.mean(force * v)) / max(float(np.mean(np.abs(force * v))), 1e-300)
+        sure = float(np.max(np.abs(coefficients[1:3] / errors[1:3])))
+        whole = float(np.var(drive)) + (0.0 if np.any(drive) else 1.0)
+        share = 1 - float(np.var(left)) / whole
+        has = bool(np.any(own))
+        heavy = scaled[0] > SURE * errors[0] / (size[0] or 1.0)  # a damper's force that falls with position is a spring
+        moves = float(np.var(own)) if has else float(np.var(scaled[0] * a)) * heavy
+        line = np.polyval(np.polyfit(x, drive, 1), x) if np.ptp(x) > 0 else np.full(len(x), drive.mean())
+        elastic = 0.0 if residual.has(*place.free_symbols) else 1 - float(np.var(drive - line)) / whole
+        inertia, error = (float(scaled[0]), float(errors[0] / size[0])) if has else (None, 0.0)
+        return Balance(inertia, error, power, sure, share,
+                       moves / whole, elastic, dict(zip(forces, scaled[4:].tolist(), strict=True)))  # fmt: skip
+
+    return regress
+
+
+def _alternatives(system: System, sigmas: Mapping[str, float]) -> list[tuple[str, Callable[[Motion], Motion]]]:
+    """Changes of the recording that its author may have meant: signs, units, the zero of an angle."""
+
+    def times(names: Sequence[str], factor: float, own: str = "") -> Callable[[Motion], Motion]:
+        powers = dict.fromkeys(names, factor) | {f"_noise_{own}": factor**2}
+        return lambda motion: motion | {n: motion[n] * power for n, power in powers.items() if n in motion}
+
+    def turned(name: str) -> Callable[[Motion], Motion]:
+        return lambda motion: motion | {name: motion[name] + math.pi}
+
+    result: list[tuple[str, Callable[[Motion], Motion]]] = []
+    for c in system.moving:
+        shown = [name for name in c.signals if name in sigmas]
+        if not shown:
+            continue
+        result.append((f"the sign of {listed(shown)} turned", times(c.signals, -1.0, c.name)))
+        if c.units[0] == "rad":
+            result.append((f"{listed(shown)} in degrees", times(c.signals, math.pi / 180, c.name)))
+            if c.signals[0] in shown:
+                result.append((f"{c.signals[0]} counted from the other end (pi added)", turned(c.signals[0])))
+        else:
+            result.append((f"{listed(shown)} in mm", times(c.signals, 1e-3, c.name)))
+    for item in system.inputs:
+        if item.name in sigmas:
+            result.append((f"the sign of {item.name} turned", times([item.name], -1.0)))
+            result += [(f"{item.name} in m{item.unit}", times([item.name], 1e-3)),
+                       (f"{item.name} in k{item.unit}", times([item.name], 1e3))]  # fmt: skip
+    return result
+
+
+def _inertial(system: System, name: str) -> bool:
+    return any(par.name == name and "kg" in par.unit for par in system.parameters)
+
+
+def _involved(system: System, sigmas: Mapping[str, float]) -> list[str]:
+    return [name for name in system.signal_units if name in sigmas]

@@ -1,0 +1,117 @@
+"""What single channels show: saturation, coarse steps, constants, angles beyond reason, a contact that never slips."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..numerics.quantisation import quantisation_step
+from ..physics import System
+from .filters import Sampled, clear, widths
+from .findings import AT_REST, HELD, LEVELS, SURE, TURNS, Finding
+from .recording import Recording
+
+
+def channel_findings(
+    system: System, recording: Recording, trials: Sequence[Sampled], sigmas: dict[str, float]
+) -> list[Finding]:
+    """Findings of every signal of the system by itself."""
+    units = system.signal_units
+    findings: list[Finding] = []
+    inputs = {item.name for item in system.inputs}
+    companions = {name: other for c in system.moving for name, other in
+                  [(c.signals[0], c.signals[1]), (c.signals[1], c.signals[2])]}  # fmt: skip
+    for name in units:
+        parts = [np.asarray(t.signals[name], float) for t in recording.trials if name in t.signals]
+        if not parts:
+            continue
+        values = np.concatenate(parts)
+        low, high = float(values.min()), float(values.max())
+        if low == high:
+            what = f"{name} is {low:g} in every row"
+            findings.append(Finding(what, "right if nothing acts there; else check its column") if name in inputs
+                            else Finding(what, "leave the column out, or check it", grave=True))  # fmt: skip
+            continue
+        findings += _clipped(name, parts, trials, companions.get(name), name in inputs)
+        step = quantisation_step(parts)
+        if step and (high - low) / step < LEVELS:
+            findings.append(Finding(
+                f"{name} was recorded in steps of {step:.3g} {units[name]}, {round((high - low) / step)} in its range",
+                "record it with a finer resolution, or leave it out where another signal tells the same"))  # fmt: skip
+        positions = {c.signals[0] for c in system.moving}
+        if units[name] == "rad" and name in positions and (high - low) > TURNS * 2 * math.pi:
+            findings.append(Finding(f"{name} goes through {(high - low) / 2 / math.pi:.3g} turns",
+                                    f"if it is in degrees say data.units={{{name}: deg, default: SI}}"))  # fmt: skip
+    return findings
+
+
+def _clipped(
+    name: str, parts: list[np.ndarray], trials: Sequence[Sampled], companion: str | None, command: bool
+) -> list[Finding]:
+    """A signal that stays at its largest or smallest value while it should go on."""
+    values = np.concatenate(parts)
+    ends = []
+    for end in (float(values.max()), float(values.min())):
+        beside = [v for v in (values.max(), values.min()) if v != end]
+        at = np.concatenate([_held(part == end) for part in parts])
+        span = abs(end - beside[0]) if beside else 0.0
+        near = np.count_nonzero((values != end) & (np.abs(values - end) < 0.02 * span))
+        share = float(np.mean(at))
+        if share < HELD or np.count_nonzero(at) < 3 * near or end == 0.0:
+            continue
+        if companion and not _moves_while(name, end, companion, trials):
+            continue
+        ends.append(f"{end:.4g} ({100 * share:.0f} % of the time)")
+    if not ends:
+        return []
+    what = f"{name} stays at its very end, {' and '.join(ends)}"
+    if command:
+        return [Finding(f"{what}: saturated, or commanded so", "check the sensor's range if it was measured")]
+    return [Finding(f"{what}: clipped", "record with a larger range, or leave the column out", grave=True)]
+
+
+def _held(at: np.ndarray) -> np.ndarray:
+    """Samples that equal the one before or after them, too."""
+    pairs = at[1:] & at[:-1]
+    return np.concatenate([[False], pairs]) | np.concatenate([pairs, [False]])
+
+
+def _moves_while(name: str, end: float, companion: str, trials: Sequence[Sampled]) -> bool:
+    """Whether the rate of a signal says that it moves while the signal holds its end; True where nothing says so."""
+    rates = [(t.signals[companion], t.signals[name] == end) for t in trials if {name, companion} <= set(t.signals)]
+    if not rates:
+        return True
+    rate, at = (np.concatenate(column) for column in zip(*rates, strict=True))
+    whole = float(np.sqrt(np.mean(rate**2)))
+    return bool(at.any() and np.sqrt(np.mean(rate[at] ** 2)) > AT_REST * whole)
+
+
+def slip_findings(system: System, trials: Sequence[Sampled], sigmas: dict[str, float]) -> list[Finding]:
+    """Nothing moves where the friction acts: as far as the noise shows."""
+    slipping = [c for c in system.moving if system.jacobian[c.name] != 0]
+    told: list[str] = []
+    for c in slipping:
+        present = [(k, name) for k, name in enumerate(c.signals) if name in sigmas]
+        for k, name in present:
+            order = max(1 - k, 0)
+            usual = [t for t in trials if name in t.signals]
+            if not any(t.span > 2 * w for t in usual for w in widths(usual)[:1]):
+                return []  # too short to tell
+            if any(_stands_out(usual, name, sigmas[name], w, order) for w in widths(usual) if usual):
+                return []
+            told.append(name)
+    if not told:
+        return []
+    rms = {n: np.sqrt(np.mean(np.concatenate([t.signals[n] for t in trials if n in t.signals]) ** 2)) for n in told}
+    sizes = ", ".join(f"{n} {value:.2g}" for n, value in rms.items())
+    return [Finding(f"nothing slips here: no friction can be told ({sizes} rms, no more than noise)",
+                    "record a motion that breaks loose, or check the columns", grave=True)]  # fmt: skip
+
+
+def _stands_out(trials: Sequence[Sampled], name: str, sigma: float, width: float, order: int) -> bool:
+    """Whether a filtered signal varies by more than its noise would."""
+    share, _ = clear(trials, name, sigma, width, order)
+    independent = max(sum(t.span for t in trials) / width, 1.0)
+    return share / max(1 - share, 1e-300) > SURE * math.sqrt(2 / independent)

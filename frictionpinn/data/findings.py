@@ -1,0 +1,89 @@
+"""What speaks against a recording before anything is learned from it: one line each, with what to do.
+
+Every threshold of :mod:`frictionpinn.data.channels`, ``consistency`` and ``balance`` stands here with its reason. None
+is a count of samples: shares, factors, standard errors and times, which do not change with the sampling rate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+CLEAR = 0.9  # share of a filtered signal's variance that is no noise: relations of such signals err by a few per cent
+HALF = 0.5  # less of a variance explained, or of what was left: most of it is something else
+SURE = 5.0  # standard errors: by chance once in two million looks, and a recording is looked at some dozen times
+OFF = 1.25  # a sensor is calibrated better; what is less off is for the diagnosis (sensor_scale)
+ANOTHER = 2.0  # times the declared inertia: an undeclared payload is less, this is another mechanism or unit
+EXPLAINED = 0.8  # of the driving force: friction that is neither dry nor viscous, and noise, leave up to a fifth
+INERTIAL = 0.1  # of the force's variance: a damper's force that goes with the acceleration by more moves a mass
+NAMED = 0.05  # how closely a factor is that of a unit
+# Of the time in which a signal changes by its size (3 % of it is wrong at any instant): a delay that matters.
+LATE = 0.03
+HELD = 0.02  # share of the time at a signal's very end by which it counts as clipped: a peak stays there a few samples
+LEVELS = 32  # levels between a signal's ends: 5 bits, rounding by 1 % of the range
+TURNS = 4.0  # turns of an angle beyond which degrees are likelier than a wheel
+AT_REST = 0.1  # of a signal's root mean square: what moves less stands still
+
+FACTORS = {
+    1000.0: "1000", 100.0: "100", 10.0: "10", 180 / math.pi: "57.3 (degrees for radians)", 60.0: "60",
+    2 * math.pi: "2 pi (turns for radians)", 30 / math.pi: "9.55 (rpm for rad/s)", 9.80665: "9.81 (g)",
+    25.4: "25.4 (inch for mm)", 39.3701: "39.4 (inch for m)", 4.44822: "4.45 (lbf for N)",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is odd about a recording.
+
+    Attributes:
+        what: what was found, where, with its figures.
+        fix: what to do.
+        grave: no answer from this recording has a sense before it is mended; else the answer may be a poor one.
+    """
+
+    what: str
+    fix: str = ""
+    grave: bool = False
+
+    def __str__(self) -> str:
+        return "; ".join(filter(None, [self.what, self.fix]))
+
+
+def named_factor(ratio: float) -> str:
+    """The factor as people know it: "1000", "57.3 (degrees for radians)", else three digits."""
+    size = max(abs(ratio), 1 / max(abs(ratio), 1e-300))
+    factor = min(FACTORS, key=lambda known: abs(math.log(size / known)))
+    return FACTORS[factor] if abs(size / factor - 1) < NAMED else f"{size:.3g}"
+
+
+def unit_for(factor: float, unit: str) -> str:
+    """The unit that a column most likely has whose values are ``factor`` times those in the SI unit ``unit``, or ""."""
+    rate = unit.partition("/")[2]
+    tail = f"/{rate}" if rate and not unit.startswith("N") else ""
+    head = unit.removesuffix(tail) if tail else unit
+    table = {
+        "m": {1000.0: "mm", 100.0: "cm", 39.3701: "in"}, "s": {1000.0: "ms", 1e6: "us"},
+        "rad": {180 / math.pi: "deg", 1 / (2 * math.pi): "turn", 30 / math.pi: "rpm", 1000.0: "mrad"},
+        "N": {1000.0: "mN", 1e-3: "kN", 1 / 4.44822: "lbf"}, "N*m": {1000.0: "mN*m", 1e-3: "kN*m"},
+    }.get(head, {})  # fmt: skip
+    for size, name in table.items():
+        if abs(abs(factor) / size - 1) < NAMED:
+            return name if name == "rpm" else name + tail
+    if unit == "m/s^2" and abs(abs(factor) * 9.80665 - 1) < NAMED:
+        return "g"
+    return ""
+
+
+def rescaled(name: str, factor: float, unit: str) -> str:
+    """How to read a column that is ``factor`` times what its signal should be."""
+    if abs(factor + 1) < OFF - 1:
+        return f"turn it: data.gains={{{name}: -1}}"
+    if factor > 0 and (found := unit_for(factor, unit)):
+        return f"give its unit: data.units={{{name}: {found}, default: SI}}"
+    return f"correct its unit (data.units), or data.gains={{{name}: {1 / factor:.4g}}}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names as a sentence has them: a, b and c."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))

@@ -1,0 +1,153 @@
+"""How results show themselves: as text, in a notebook, as figures, as plain types and in files."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import sys
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .errors import choose
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_ROWS = 12  # of a table as text: what fits on a screen with what stands around it
+WIDTH, LEAST = 110, 12  # of a table as text; of a column that gives way to others
+STYLE = "text-align:left;padding:2px 12px 2px 0;font-variant-numeric:tabular-nums"
+
+
+@dataclass(frozen=True, repr=False)
+class Table:
+    """Rows under headings.
+
+    Attributes:
+        columns: headings.
+        rows: cells; numbers are shown with four digits, None as nothing.
+        title: a line above.
+        notes: sentences below.
+    """
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[object, ...], ...] = ()
+    title: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> list[str]:
+        """The first cell of every row."""
+        return [str(row[0]) for row in self.rows]
+
+    def to_dict(self) -> dict[str, dict[str, object]]:
+        """First cell -> the others by their headings."""
+        return {str(row[0]): dict(zip(self.columns[1:], row[1:], strict=True)) for row in self.rows}
+
+    def text(self, most: int | None = None) -> str:
+        """Aligned columns, long cells in several lines; of more than ``most`` rows the first ones."""
+        cells = [list(self.columns), *([_cell(value) for value in row] for row in self.rows[:most])]
+        widths = [max(len(row[k]) for row in cells) for k in range(len(self.columns))]
+        while sum(widths) + 2 * len(widths) > WIDTH and max(widths) > LEAST:
+            widths[widths.index(max(widths))] -= 1
+        lines = [line for row in cells for line in _lines(row, widths)]
+        rest = len(self.rows) - len(cells) + 1
+        more = [f"  and {rest} more"] if rest else []
+        said = [textwrap.fill(text, WIDTH) for text in (self.title, *self.notes)]
+        return "\n".join([*filter(None, said[:1]), *(lines if self.rows else []), *more, *said[1:]])
+
+    def __repr__(self) -> str:
+        return self.text()
+
+    def _repr_html_(self) -> str:
+        head = "".join(f'<th scope="col" style="{STYLE}">{html.escape(name)}</th>' for name in self.columns)
+        body = "".join(
+            "<tr>" + "".join(f'<td style="{STYLE}">{html.escape(_cell(value))}</td>' for value in row) + "</tr>"
+            for row in self.rows
+        )
+        table = f'<div style="overflow-x:auto"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+        title = f"<p><strong>{html.escape(self.title)}</strong></p>" if self.title else ""
+        return title + (table if self.rows else "") + "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
+
+
+def _lines(row: Sequence[str], widths: Sequence[int]) -> list[str]:
+    """A row of a table as lines of text."""
+    cells = [textwrap.wrap(cell, width) if width else [] for cell, width in zip(row, widths, strict=True)]
+    lines = zip_longest(*cells, fillvalue="")
+    return [f"  {'  '.join(c.ljust(w) for c, w in zip(line, widths, strict=True))}".rstrip() for line in lines]
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def interval(ends: Sequence[float | None]) -> str:
+    """A 95 % interval as people write it; empty where there is none."""
+    low, high = (float("nan") if end is None else float(end) for end in ends)
+    return "" if low != low and high != high else f"{low:.4g} to {high:.4g}"
+
+
+def readable_unit(unit: str) -> str:
+    """A unit for a table: N*m becomes N m, a square gets its sign, a ratio has none."""
+    return "" if unit == "1" else unit.replace("*", " ").replace("^2", "²")
+
+
+class Shown:
+    """A result. Subclasses say :meth:`tables`, :meth:`figures` and :meth:`to_dict`; the rest follows from these."""
+
+    def tables(self) -> list[Table]:
+        """What there is to read."""
+        raise NotImplementedError
+
+    def figures(self) -> dict[str, Figure]:
+        """What there is to see, by name."""
+        return {}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types, as in ``result.json``."""
+        raise NotImplementedError
+
+    def plot(self, name: str | None = None) -> Figure:
+        """One of the figures, by default the first, as matplotlib's: ``.plot().savefig("fit.png")``.
+
+        Raises:
+            UserError: no figure of that name; the line lists them.
+        """
+        if "IPython" in sys.modules:
+            import matplotlib.pyplot  # noqa: F401  (teaches a notebook to show figures)
+        drawn = self.figures()
+        return drawn[next(iter(drawn))] if name is None else choose(name, drawn, "figure")
+
+    def save(self, folder: str | Path) -> Path:
+        """Write ``result.json`` and every figure as PNG to a folder, made where it is missing; returns it."""
+        from .workflow.manifest import write_json
+
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / "result.json", self.to_dict())
+        for name, figure in self.figures().items():
+            (folder / f"{name}.png").write_bytes(png(figure))
+        return folder
+
+    def __repr__(self) -> str:
+        return "\n".join(table.text(MOST_ROWS) for table in self.tables())
+
+    def _repr_html_(self) -> str:
+        parts = [table._repr_html_() for table in self.tables()]
+        for name, figure in self.figures().items():
+            data = base64.b64encode(png(figure)).decode()
+            parts.append(f'<img alt="{html.escape(name)}" style="max-width:100%" src="data:image/png;base64,{data}">')
+        return "\n".join(parts)
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as the content of a PNG file."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=100)
+    return buffer.getvalue()

@@ -1,0 +1,79 @@
+"""The check before any fit: clean recordings pass in silence, wrong ones are told what is wrong of them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from omegaconf import OmegaConf
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from wrong_log_kinds import KINDS, measured_folder
+from wrong_logs import MEASURED, ended
+
+from frictionpinn.data.inspect import inspect
+from frictionpinn.data.noise import GaussianNoise
+from frictionpinn.data.recording import Recording, Trial
+from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.physics import SYSTEMS
+
+CONF = Path(__file__).resolve().parents[2] / "conf"
+# One kind of each fault; benchmarks/wrong_logs.py has all of them.
+SOME = [
+    "pob: x in mm", "pob: a in g", "pob: the whole link in degrees", "pob: time in ms", "drive: force in kN",
+    "pob: sign of v", "pob: sign of the whole link", "damper: sign of the force", "pendulum: angle from hanging",
+    "pob: v and a swapped", "pob: v and omega swapped", "drive: a and force swapped", "drive: v is a copy of x",
+    "pob: a clipped", "pob: v late by 20 ms", "drive: a with gravity in it", "pob: theta in 12 steps",
+    "pob: sampled unequally", "pob: rows come late", "pob: a gap", "pendulum: angle wrapped in degrees",
+    "pob: files of different rates", "pob: noise where the box should move", "pob: no alpha", "pob: positions alone",
+    "pob: velocities alone", "drive: no force", "drive: no header", "a pendulum on a box as a pendulum",
+    "a drive as a damper", "a joint's arm left out", "drive: mass a tenth", "UR10e, joint 2, as it is",
+    "EMPS: sign of the force",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_a_wrong_log_ends_in_a_right_answer_or_in_a_line_that_names_the_fault(name):
+    if KINDS[name].base in MEASURED and measured_folder() is None:
+        pytest.skip("the measured recordings are not on this machine (FRICTIONPINN_DATA)")
+    end = ended(KINDS[name])
+    assert end.how in ("right", "named"), end.line
+
+
+def clean(name: str, rate: float, noise: float, seed: int) -> tuple[Recording, object]:
+    conf = OmegaConf.to_container(OmegaConf.load(CONF / "system" / f"{name}.yaml"))
+    system, own = SYSTEMS[name](**conf["parameters"]), conf["simulate"]
+    recording = simulate_recording(system, own["friction"], own["truth"], own["trials"], rate)
+    return GaussianNoise(noise)(recording, seed), system
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+@settings(max_examples=3, derandomize=True, deadline=None)
+@given(rate=st.floats(100, 2000), noise=st.floats(0.01, 0.1), seed=st.integers(0, 1000))
+def test_a_clean_recording_raises_no_finding_at_any_rate_and_noise(name, rate, noise, seed):
+    recording, system = clean(name, rate, noise, seed)
+    assert [str(f) for f in inspect(recording, system)] == []
+
+
+def test_findings_do_not_depend_on_the_rate():
+    for rate in (100.0, 400.0, 1600.0):
+        recording, system = clean("pob", rate, 0.03, 1)
+        late = []
+        for trial in recording.trials:
+            v = np.interp(trial.t - 0.03, trial.t, trial.signals["v"])
+            late.append(Trial(trial.name, trial.t, trial.signals | {"v": v}))
+        (found,) = inspect(Recording(tuple(late), recording.units), system)
+        assert "v comes" in str(found), rate
+        told = float(str(found).split("v comes ")[1].split(" ms")[0])
+        assert told == pytest.approx(30, rel=0.15), rate
+
+
+def test_a_mass_that_is_to_be_estimated_is_not_held_against_a_recording():
+    recording, _ = clean("drive", 400.0, 0.02, 0)
+    heavy = SYSTEMS["drive"](M=10.0)
+    assert any("declared inertia" in str(f) for f in inspect(recording, heavy))
+    assert inspect(recording, heavy, inertia_free=True) == []
