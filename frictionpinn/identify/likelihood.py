@@ -37,7 +37,8 @@ from .uncertainty import failed, finish, neighbours
 RIVAL = 15.0  # log-likelihood over windows: a start that is worse by more is not tried on the whole trials
 AS_NEAR = 4.0  # log-likelihood at the coarsest resolution: another start that is as near is followed as well
 ELSEWHERE = 0.1  # in log u: starts that are closer are the same
-STIFFNESSES, NEXT = (0.5, 2.0), 3  # times that of the fit; resolutions next to the sample from which they are followed
+# Times the stiffness of the fit: a ring that lasts k periods fits one off as well, at (1 -+ 1/k)^2; k is 3 to 6.
+STIFFNESSES, NEXT = (0.5, 0.7, 1.4, 2.0), 2  # and resolutions next to the sample, which do not blur it, to follow from
 LOUD = 20.0  # times the noise by differences: residuals over windows that are larger set the level
 NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
 

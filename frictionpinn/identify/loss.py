@@ -77,8 +77,8 @@ LOSSES = {"gaussian": Loss(), "robust": StudentT()}
 def choose_loss(name: str, mechanism: Mechanism) -> Loss:
     """Return the loss of that name; :class:`UserError` for an unknown one.
 
-    "auto" is robust for a law without memory: its force jumps within a sample, and of a jump that the noise hides from
-    :func:`frictionpinn.identify.build.beside_jumps` a model that is a sample late makes an outlier, however close it is.
+    "auto" is robust for a law without memory: its force jumps within a sample, and a model that is a sample late makes
+    an outlier of a jump that the noise hides from :func:`frictionpinn.identify.build.beside_jumps`.
     """
     auto = LOSSES["gaussian" if mechanism.law.memory else "robust"]
     return choose(name, {"auto": auto} | LOSSES, "loss")
