@@ -87,6 +87,16 @@ def system(name: str, *, equations: str = "lagrange", imposed: bool = False, **p
     return kind(equations=equations, imposed=imposed, **parameters)
 
 
+def made_system(given: System | str, where: str) -> System:
+    """A system as it is, or that of a name with the defaults of its parameters; ``where`` it was given, for errors."""
+    extensions.load()
+    made = choose(given, SYSTEMS, "system")() if isinstance(given, str) else given
+    if not isinstance(made, System):
+        raise UserError("not a System", where=where, received=repr(made), allowed=", ".join(SYSTEMS),
+                        fix='make one: fp.system("drive", M=2.0)')  # fmt: skip
+    return made
+
+
 def mechanism(
     system: System | str, friction: FrictionLaw | str = "lugre", effects: Iterable[Effect | str] = ()
 ) -> Mechanism:
@@ -105,12 +115,10 @@ def mechanism(
         >>> fp.mechanism("drive", "coulomb_viscous", ["drag"]).name
         'drive+coulomb_viscous+drag'
     """
-    extensions.load()
-    made = choose(system, SYSTEMS, "system")() if isinstance(system, str) else system
+    made = made_system(system, "system")
     law = choose(friction, LAWS, "friction")() if isinstance(friction, str) else friction
-    for value, kind, where in ((made, System, "system"), (law, FrictionLaw, "friction")):
-        if not isinstance(value, kind):
-            raise UserError(f"not a {kind.__name__}", where=where, received=repr(value), allowed="a name, or an object")
+    if not isinstance(law, FrictionLaw):
+        raise UserError("not a FrictionLaw", where="friction", received=repr(law), allowed="a name, or an object")
     return Mechanism(made, law, tuple(effects))  # type: ignore[arg-type]
 
 

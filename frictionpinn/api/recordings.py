@@ -13,22 +13,23 @@ from ..data.noise import GaussianNoise, Noise
 from ..data.recording import Recording
 from ..data.simulated import check_truth, simulate_trials
 from ..errors import UserError, nearest
-from ..physics import System, extensions
+from ..physics import System
 from ..physics.mechanism import Mechanism
 from ..show import Shown, Table, readable_unit
 from ..workflow.build import build_recording
 from ..workflow.configs import CONF
 from ..workflow.vet import assumptions, findings_of, in_words
+from .models import made_system
 
 Paths = str | os.PathLike | Iterable[str | os.PathLike]
 
 
-def read(path: Paths, system: System, **options: Any) -> Recording:
+def read(path: Paths, system: System | str, **options: Any) -> Recording:
     """Read a recording of a system: each trial's time, s, and signals, arrays of shape (n,), SI units.
 
     Args:
         path: a file, a folder, a pattern or a list of these: .csv, .csv.gz, .txt, .tsv, .parquet, .mat, .npz.
-        system: what was recorded; its signals are the names that columns are read as.
+        system: what was recorded, or its name; its signals are the names that columns are read as.
         options: as in conf/data/csv.yaml: ``columns={"x": "pos"}``, ``units={"x": "mm", "default": "SI"}`` (without
             them all are in SI), ``gains``, ``trial_column`` (None: each file is a trial), ``rate_hz``, ...
 
@@ -49,7 +50,8 @@ def read(path: Paths, system: System, **options: Any) -> Recording:
             raise UserError("unknown option", where="read", received=key, allowed=", ".join(cfg),
                             fix=nearest(key, cfg) or "use one of the allowed names")  # fmt: skip
     paths = [path] if isinstance(path, str | os.PathLike) else list(path)
-    return build_recording(cfg | options | {"path": [os.fspath(item) for item in paths]}, system)
+    where = {"path": [os.fspath(item) for item in paths]}
+    return build_recording(cfg | options | where, made_system(system, "read"))
 
 
 def simulate(
@@ -141,7 +143,7 @@ class Check(Shown):
                 "system": self.system.name, "parameters": dict(self.system.values)}  # fmt: skip
 
 
-def check(recording: Recording, system: System) -> Check:
+def check(recording: Recording, system: System | str) -> Check:
     """Check a recording before anything is learned from it: what is assumed, and what speaks against it.
 
     Args:
@@ -157,5 +159,5 @@ def check(recording: Recording, system: System) -> Check:
         >>> fp.check(log, drive).ok
         True
     """
-    extensions.load()
-    return Check(recording, system, tuple(in_words(finding) for finding in findings_of(system, recording)))
+    made = made_system(system, "check")
+    return Check(recording, made, tuple(in_words(finding) for finding in findings_of(made, recording)))

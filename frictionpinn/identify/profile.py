@@ -93,7 +93,8 @@ def profiled(problem: Problem, evaluate: Evaluate, state: State, name: str, rise
     us = np.array(sorted(found))
     costs, values = np.array([found[u] for u in us]) - min(found.values()), np.array([value(u) for u in us])
     best, above = int(np.argmin(costs)), np.flatnonzero(costs > rise)
-    ends = [-np.inf if space.scales[i] else value(-700.0), np.inf]  # where the cost stays lower within the bounds
+    least = 0.0 if space.below[i] < 0 else float(space.to_values(state.u)[space.below[i]])
+    ends = [-np.inf if space.scales[i] else least, np.inf]  # where the cost stays lower within the bounds
     if len(below := above[above < best]):
         ends[0] = float(np.interp(rise, costs[[below[-1] + 1, below[-1]]], values[[below[-1] + 1, below[-1]]]))
     if len(beyond := above[above > best]):

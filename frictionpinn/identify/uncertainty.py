@@ -193,7 +193,8 @@ def finish(
         if name in at_limit:
             ci95[name] = one_sided(space, state, i, RISE_95 * factor)
         elif profiles and blunt and (slides or not at[i]):
-            ci95[name] = profiled(problem, evaluate, state, name, RISE_95 * factor, iterations=6).ci95
+            least, most = profiled(problem, evaluate, state, name, RISE_95 * factor, iterations=6).ci95
+            ci95[name] = min(least, p[i]), max(most, p[i])  # the prior may hold the estimate beside it
 
     hidden = [names[i] for i in np.flatnonzero(mask)]
     outcome, advice = verdict(problem, minimum.reason, p, covariance, ci95, hidden, at_limit, at_bound, memory, white)

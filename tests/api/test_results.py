@@ -146,6 +146,7 @@ def test_a_run_is_trained_on_the_recording_that_it_was_given(results, log):
         (lambda m, log: fp.read("nothing.csv", m.system, unit="mm"), "read is unit; .*did you mean 'units'"),
         (lambda m, log: fp.system("drvie"), "did you mean 'drive'"),
         (lambda m, log: fp.mechanism(3), "not a System: system is 3"),
+        (lambda m, log: fp.check(log, 3), "not a System: check is 3"),
         (lambda m, log: fp.simulate(m, {"mu_c": 3.0}, TRIALS), "sigma_2"),
         (lambda m, log: log.save("log.xlsx"), "unknown file format"),
     ],
