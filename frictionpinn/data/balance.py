@@ -15,11 +15,12 @@ import sympy as sp
 from scipy.ndimage import minimum_filter1d
 
 from ..numerics.motion_function import motion_function
-from ..physics import System
+from ..physics import LAWS, System
+from ..physics.base import MU_C, SIGMA_2
+from ..physics.mechanism import Mechanism
 from .filters import FEWEST, Sampled, clear, filtered, noise_gain, widths
-from .findings import ANOTHER, CLEAR, EXPLAINED, HALF, INERTIAL, OFF, SURE, Finding, listed, named_factor
+from .findings import ANOTHER, CLEAR, EXPLAINED, HALF, INERTIAL, OFF, SLIDING, SURE, Finding, listed, named_factor
 
-SLIDING = 0.15  # of the largest slip velocity: faster counts as sliding, as in frictionpinn.identify.motion
 Motion = dict[str, np.ndarray]
 
 
@@ -196,30 +197,32 @@ def _rows(system: System, forces: tuple[str, ...] = ()) -> Callable[[Sequence[Mo
     slope = sp.diff(residual, c.symbols[2])
     inertia = slope * c.symbols[2]
     place = system.slip_position if system.slip_position is not None else sp.Integer(0)
-    equations = (residual - inertia, inertia, J, system.N, system.v_slip, slope, place, system.a_slip)
+    mechanism = Mechanism(system, LAWS["coulomb_viscous"]())
+    dry, viscous = (-J * sp.diff(mechanism.friction, par.symbol) for par in (MU_C, SIGMA_2))
+    equations = (residual - inertia, inertia, J, dry, system.v_slip, slope, place, system.a_slip, viscous)
     parts = [motion_function(system, sp.sympify(e)) for e in equations]
     extra = [motion_function(system, sp.diff(residual, sp.Symbol(name, real=True))) for name in forces]
-    values = {par.name: float(par.value or 0.0) for par in system.parameters} | dict(system.values)
+    values = {par.name: float(par.value or 0.0) for par in mechanism.parameters} | dict(system.values)
 
     def regress(motions: Sequence[Motion]) -> Balance | None:
-        columns: list[list[np.ndarray]] = [[] for _ in range(9 + len(extra))]
+        columns: list[list[np.ndarray]] = [[] for _ in range(10 + len(extra))]
         speeds = [parts[4](m, values) for m in motions]
         largest = float(np.quantile(np.abs(np.concatenate(speeds)), 0.99))
         for motion, v in zip(motions, speeds, strict=True):
             size = int(motion["_width"][0])
             sliding = minimum_filter1d(np.abs(v), size) > SLIDING * largest
-            drive, own, j, N, _, mass, x, a = (f(motion, values) for f in parts)
+            drive, own, j, dry, _, mass, x, a, viscous = (f(motion, values) for f in parts)
             noise = mass**2 * motion.get(f"_noise_{c.name}", np.zeros(len(v)))
-            known = (drive, own, j, N, v, motion["_independent"], noise, x, a, *(f(motion, values) for f in extra))
+            known = (drive, own, j, dry, viscous, v, motion["_independent"], noise, x, a,
+                     *(f(motion, values) for f in extra))  # fmt: skip
             for column, y in zip(columns, known, strict=True):
                 column.append(y[sliding])
-        drive, own, j, N, v, weight, noise, x, a, *further = (np.concatenate(column) for column in columns)
+        drive, own, j, dry, viscous, v, weight, noise, x, a, *further = (np.concatenate(column) for column in columns)
         if np.any(own) and not float(np.mean(noise)) < (1 - CLEAR) * float(np.mean(own**2)):
             return None  # noise in the acceleration would take inertia away
         independent = float(weight.sum())
         if independent < 10 or not np.var(drive) > 0:  # two looks for each of five unknowns
             return None
-        dry, viscous = -j * N * np.sign(v), -j * v
         A = np.stack([-own if np.any(own) else -j * a, dry, viscous, -j, *(-column for column in further)], axis=1)
         size = np.sqrt(np.mean(A**2, axis=0))
         unit = A / np.where(size > 0, size, 1.0)

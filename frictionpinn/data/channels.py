@@ -10,15 +10,13 @@ import numpy as np
 from ..numerics.quantisation import quantisation_step
 from ..physics import System
 from .filters import Sampled, clear, widths
-from .findings import AT_REST, HELD, LEVELS, SURE, TURNS, Finding
+from .findings import AT_REST, HELD, LEVELS, NEAR_END, PILED, SURE, TURNS, Finding
 from .recording import Recording
 
 
-def channel_findings(
-    system: System, recording: Recording, trials: Sequence[Sampled], sigmas: dict[str, float]
-) -> list[Finding]:
+def channel_findings(system: System, recording: Recording, trials: Sequence[Sampled]) -> list[Finding]:
     """Findings of every signal of the system by itself."""
-    units = system.signal_units
+    units, positions = system.signal_units, {c.signals[0] for c in system.moving}
     findings: list[Finding] = []
     inputs = {item.name for item in system.inputs}
     companions = {name: other for c in system.moving for name, other in
@@ -40,7 +38,6 @@ def channel_findings(
             findings.append(Finding(
                 f"{name} was recorded in steps of {step:.3g} {units[name]}, {round((high - low) / step)} in its range",
                 "record it with a finer resolution, or leave it out where another signal tells the same"))  # fmt: skip
-        positions = {c.signals[0] for c in system.moving}
         if units[name] == "rad" and name in positions and (high - low) > TURNS * 2 * math.pi:
             findings.append(Finding(f"{name} goes through {(high - low) / 2 / math.pi:.3g} turns",
                                     f"if it is in degrees say data.units={{{name}: deg, default: SI}}"))  # fmt: skip
@@ -57,9 +54,9 @@ def _clipped(
         beside = [v for v in (values.max(), values.min()) if v != end]
         at = np.concatenate([_held(part == end) for part in parts])
         span = abs(end - beside[0]) if beside else 0.0
-        near = np.count_nonzero((values != end) & (np.abs(values - end) < 0.02 * span))
+        near = np.count_nonzero((values != end) & (np.abs(values - end) < NEAR_END * span))
         share = float(np.mean(at))
-        if share < HELD or np.count_nonzero(at) < 3 * near or end == 0.0:
+        if share < HELD or np.count_nonzero(at) < PILED * near or end == 0.0:
             continue
         if companion and not _moves_while(name, end, companion, trials):
             continue

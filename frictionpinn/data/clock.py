@@ -9,13 +9,13 @@ from itertools import pairwise
 import numpy as np
 
 from ..errors import UserError
+from .prepare import JITTER
 from .recording import Trial
 
-LATE = 10.0  # usual steps by which a row may come too late and still is of its place; further back time begins anew
+BEHIND = 10.0  # usual steps by which a row may come too late and still is of its place; further back time begins anew
 FEW = 0.1  # of the rows: more that repeat a time show a clock that is too coarse, not a logger's slip
 BRIDGED = 0.01  # of a signal's amplitude: by so much a straight line over a gap may err; longer gaps end a trial
 STEPS = 3.0  # usual steps that a gap has at least: otherwise it is how the log was sampled
-UNEQUAL = 0.05  # of the usual step, as frictionpinn.data.prepare.sample_rate takes for jitter
 LOOKED_AT = 20_000  # samples by which it is told how fast signals change
 LEAST = 10  # samples of a part between two gaps; shorter ones are left out
 
@@ -43,7 +43,7 @@ def mended(trial: Trial, rows: np.ndarray, angles: Collection[str], where: str) 
         parts = _between_gaps(trial, rows, notes)
         step = np.diff(trial.t)
         usual = float(np.median(step))
-        if len(parts) == 1 and np.max(np.abs(step - usual)) > UNEQUAL * usual:
+        if len(parts) == 1 and np.max(np.abs(step - usual)) > JITTER * usual:
             notes.append(f"sampled unequally, {step.min():.3g} to {step.max():.3g} s: taken at the times as they are")
     else:
         parts = [(trial, rows)]
@@ -61,7 +61,7 @@ def _ordered(trial: Trial, rows: np.ndarray, notes: list[str]) -> tuple[Trial, n
     back = np.flatnonzero(step < 0)
     usual = float(np.median(np.abs(step)))
     behind = np.maximum.accumulate(trial.t) - trial.t
-    if not len(back) or behind.max() > LATE * usual or len(back) > FEW * len(step):
+    if not len(back) or behind.max() > BEHIND * usual or len(back) > FEW * len(step):
         return trial, rows
     order = np.argsort(trial.t, kind="stable")
     notes.append(f"{len(back)} rows came late: put in their place")

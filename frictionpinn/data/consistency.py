@@ -11,7 +11,7 @@ import numpy as np
 
 from ..physics import System
 from .filters import Sampled, clear, filtered, noise_gain, widths
-from .findings import ANOTHER, CLEAR, HALF, LATE, OFF, SURE, Finding, named_factor, rescaled
+from .findings import ANOTHER, CLEAR, HALF, LATE, OFF, SURE, Finding, named_factor, rescaled, unit_for
 
 Pair = tuple[str, str]
 
@@ -145,7 +145,7 @@ def _clock(judged: dict[Pair, Relation]) -> Finding | None:
     middle = float(np.exp(np.mean(np.log(scales))))
     if max(abs(math.log(s / middle)) for s in scales) > math.log(OFF):
         return None
-    unit = {True: "ms"}.get(abs(middle * 1000 - 1) < 0.1, "min" if abs(middle / 60 - 1) < 0.1 else "")
+    unit = unit_for(1 / middle, "s")
     fix = f"data.units={{t: {unit}, default: SI}}" if unit else "correct data.units={t: ...}"
     return Finding(f"time is off by a factor of {named_factor(middle)}: so are all derivatives", fix, grave=True)
 

@@ -10,6 +10,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from scipy.constants import g, inch, lbf
+
+from .units import of_dimension, to_si
+
 CLEAR = 0.9  # share of a filtered signal's variance that is no noise: relations of such signals err by a few per cent
 HALF = 0.5  # less of a variance explained, or of what was left: most of it is something else
 SURE = 5.0  # standard errors: by chance once in two million looks, and a recording is looked at some dozen times
@@ -21,14 +26,18 @@ NAMED = 0.05  # how closely a factor is that of a unit
 # Of the time in which a signal changes by its size (3 % of it is wrong at any instant): a delay that matters.
 LATE = 0.03
 HELD = 0.02  # share of the time at a signal's very end by which it counts as clipped: a peak stays there a few samples
+# Share of the range within which samples lie near an end, and how many times as many as these stay at it where it was
+# clipped: a smooth peak's top 2 % holds many samples beside the few that are equal.
+NEAR_END, PILED = 0.02, 3
 LEVELS = 32  # levels between a signal's ends: 5 bits, rounding by 1 % of the range
 TURNS = 4.0  # turns of an angle beyond which degrees are likelier than a wheel
+SLIDING = 0.15  # of the largest slip velocity: faster counts as sliding
 AT_REST = 0.1  # of a signal's root mean square: what moves less stands still
 
 FACTORS = {
     1000.0: "1000", 100.0: "100", 10.0: "10", 180 / math.pi: "57.3 (degrees for radians)", 60.0: "60",
-    2 * math.pi: "2 pi (turns for radians)", 30 / math.pi: "9.55 (rpm for rad/s)", 9.80665: "9.81 (g)",
-    25.4: "25.4 (inch for mm)", 39.3701: "39.4 (inch for m)", 4.44822: "4.45 (lbf for N)",
+    2 * math.pi: "2 pi (turns for radians)", 30 / math.pi: "9.55 (rpm for rad/s)", g: "9.81 (g)",
+    1e3 * inch: "25.4 (inch for mm)", 1 / inch: "39.4 (inch for m)", lbf: "4.45 (lbf for N)",
 }  # fmt: skip
 
 
@@ -59,20 +68,10 @@ def named_factor(ratio: float) -> str:
 
 def unit_for(factor: float, unit: str) -> str:
     """The unit that a column most likely has whose values are ``factor`` times those in the SI unit ``unit``, or ""."""
-    rate = unit.partition("/")[2]
-    tail = f"/{rate}" if rate and not unit.startswith("N") else ""
-    head = unit.removesuffix(tail) if tail else unit
-    table = {
-        "m": {1000.0: "mm", 100.0: "cm", 39.3701: "in"}, "s": {1000.0: "ms", 1e6: "us"},
-        "rad": {180 / math.pi: "deg", 1 / (2 * math.pi): "turn", 30 / math.pi: "rpm", 1000.0: "mrad"},
-        "N": {1000.0: "mN", 1e-3: "kN", 1 / 4.44822: "lbf"}, "N*m": {1000.0: "mN*m", 1e-3: "kN*m"},
-    }.get(head, {})  # fmt: skip
-    for size, name in table.items():
-        if abs(abs(factor) / size - 1) < NAMED:
-            return name if name == "rpm" else name + tail
-    if unit == "m/s^2" and abs(abs(factor) * 9.80665 - 1) < NAMED:
-        return "g"
-    return ""
+    names = [*of_dimension(unit), *(["g"] if unit == "m/s^2" else [])]
+    off = {name: abs(factor * float(to_si(np.ones(1), name, unit, "unit")[0]) - 1) for name in names}
+    best = min(off, key=off.__getitem__, default="")
+    return best if best and off[best] < NAMED else ""
 
 
 def rescaled(name: str, factor: float, unit: str) -> str:

@@ -34,7 +34,7 @@ def inspect(recording: Recording, system: System, inertia_free: bool = False) ->
     trials, sigmas = sampled(recording, names)
     if not trials:
         return []
-    findings = channel_findings(system, recording, trials, sigmas)
+    findings = channel_findings(system, recording, trials)
     still = slip_findings(system, trials, sigmas)
     findings += still
     if not still:

@@ -11,7 +11,7 @@ from frictionpinn.data.recording import Trial
 from frictionpinn.errors import UserError
 
 # Clocks of recorders jitter, and times are rounded when written; filters need a uniform rate.
-_JITTER = 0.05
+JITTER = 0.05
 _RIPPLE_DB = 0.05
 FEWEST = 8  # samples that a thinned trial must keep
 
@@ -23,7 +23,7 @@ def sample_rate(t: np.ndarray, where: str = "t") -> float:
     if not len(steps) or not mean > 0:
         raise UserError("no sampling rate", where=where, received=f"{len(t)} samples long", allowed="increasing times")
     worst = int(np.argmax(np.abs(steps - mean)))
-    if abs(steps[worst] - mean) > _JITTER * mean:
+    if abs(steps[worst] - mean) > JITTER * mean:
         raise UserError(
             "sampling is not uniform",
             where=f"{where}, step after row {worst + 1}",
@@ -38,7 +38,7 @@ def even(trial: Trial) -> Trial:
     """The trial as it is where its steps are within 5 % of their mean, else resampled at its usual rate."""
     steps = np.diff(trial.t)
     mean = float(np.mean(steps)) if len(steps) else 0.0
-    if not mean > 0 or np.max(np.abs(steps - mean)) <= _JITTER * mean:
+    if not mean > 0 or np.max(np.abs(steps - mean)) <= JITTER * mean:
         return trial
     return resample(trial, 1.0 / float(np.median(steps)))
 

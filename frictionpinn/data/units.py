@@ -14,8 +14,8 @@ DIMENSIONLESS = ("", "1", "-", "dimensionless")
 
 # Names offered where a unit is unknown or has the wrong dimension.
 _COMMON = (
-    *("m", "cm", "mm", "um", "in", "ft", "m/s", "mm/s", "cm/s", "in/s", "ft/s", "m/s^2", "mm/s^2", "in/s^2"),
-    *("rad", "deg", "turn", "mrad", "rad/s", "deg/s", "rpm", "turn/s", "rad/s^2", "deg/s^2", "turn/s^2"),
+    *("m", "cm", "mm", "um", "in", "ft", "m/s", "mm/s", "cm/s", "in/s", "ft/s", "m/s^2", "cm/s^2", "mm/s^2", "in/s^2"),
+    *("rad", "deg", "turn", "mrad", "rad/s", "deg/s", "rpm", "turn/s", "mrad/s", "rad/s^2", "deg/s^2", "turn/s^2"),
     *("N", "kN", "mN", "lbf", "kip", "kgf", "N*m", "mN*m", "kN*m", "in*lbf", "ft*lbf", "s", "ms", "us", "min"),
     *("kg", "g", "lb", "N/m", "N/mm", "kN/mm", "lbf/in", "N*m/rad", "N*s/m", "N*m*s/rad", "kg*m^2"),
     *("V", "mV", "A", "mA", "K", "degC", "Pa", "kPa", "MPa", "W", "dimensionless", "percent"),
@@ -101,7 +101,7 @@ def _parse(unit: str, signal_unit: str, where: str) -> Any:
         parsed = _try_parse(text)
         if parsed is not None:
             return parsed
-    names = _of_dimension(signal_unit)
+    names = of_dimension(signal_unit)
     raise UserError(
         "unknown unit",
         where=where,
@@ -141,6 +141,7 @@ def _like(target: Any) -> list[str]:
     return names
 
 
-def _of_dimension(signal_unit: str) -> list[str]:
+def of_dimension(signal_unit: str) -> list[str]:
+    """Common names of units with the dimension of a signal's SI unit; none for a unit that pint does not know."""
     target = _try_parse(_SPELLING.get(signal_unit, signal_unit))
     return [] if target is None else _like(target)

@@ -54,7 +54,7 @@ class Diagnosis(Shown):
         seconds: wall-clock time.
         settings: thresholds.
         network: the fallback term in the place of what no name explains, if it was asked for.
-        fitted, held_out: the trials of both kinds.
+        fitted: the trials that were fitted.
         config: the options of the diagnosis, for its report.
         doubts: what keeps the verdict from having a sense, see :func:`frictionpinn.diagnose.verdict.gate`; the verdict
             then is "no verdict".
@@ -83,9 +83,13 @@ class Diagnosis(Shown):
     after: Fit
     network: Network | None = None
     fitted: Recording = field(default_factory=lambda: Recording((), {}))
-    held_out: Recording = field(default_factory=lambda: Recording((), {}))
     config: dict[str, Any] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()
+
+    @property
+    def held_out(self) -> Recording:
+        """The trials that no fit saw."""
+        return self.bench.held_out
 
     @property
     def main(self) -> str:
@@ -194,7 +198,7 @@ def diagnose(
         name, accepted, refused, verdict.rest, verdict.trifle, values, ci95, units, bench.estimate,
         verdict.errors, verdict.scored, verdict.shares, verdict.left, scanned.sigmas, scanned.noise.coloured,
         time.perf_counter() - began, settings, bench, selection, verdict.before, verdict.after, fallback, fitted,
-        held_out, doubts=doubts,
+        doubts=doubts,
     )  # fmt: skip
 
 

@@ -212,10 +212,9 @@ def intervals(bench: Bench, fit: Fit, scanned: Scanned) -> tuple[dict[str, float
     ci95 = {}
     for name in fit.names:
         par, error = table[name], np.nan
-        positive = par.low >= 0 and par.neutral is None and not par.absent
         if name in normal.names:
             error = wider[name] * float(errors[normal.names.index(name)]) or np.nan  # 0: derivatives that overflow
-        if positive and error > UNTOLD * values[name]:
+        if not par.linear and error > UNTOLD * values[name]:
             error = np.nan
-        ci95[name] = interval(values[name], error, positive)
+        ci95[name] = interval(values[name], error, not par.linear)
     return values, ci95

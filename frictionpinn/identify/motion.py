@@ -11,6 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
+from ..data.findings import SLIDING
 from ..numerics.motion_function import motion_function
 from ..numerics.smoothing import Coordinate
 from ..numerics.spline_basis import smooth_together
@@ -19,7 +20,6 @@ from ..physics.scan import DECADES, data_scales
 from ..physics.sizes import Sizes
 from .trial import TrialModel
 
-SLIDING = 0.15  # of the largest slip velocity: faster samples count as sliding
 CLEAR = 4.0  # and of the velocity's noise, in standard deviations
 SHORTEST_WINDOW = 24  # samples in a window between two peaks of the slip velocity
 NUDGE = 0.3  # of its size: where a strength starts whose effect has a shape to find as well

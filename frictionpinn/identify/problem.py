@@ -47,6 +47,7 @@ class Problem:
         loss: "gaussian", "robust" (outliers) or "auto", see :func:`frictionpinn.identify.loss.choose_loss`.
 
     Attributes:
+        mechanism, recording: as given.
         names: free parameters, in the mechanism's order; ``start``, ``fixed``: values of these and of all others.
         space: the free parameters' bounds and search coordinates; ``bounded``: those whose bounds were given.
         shapes: free hidden parameters of effects that are to be searched over their range.
@@ -73,7 +74,7 @@ class Problem:
         windows: float | None = None,
         loss: str = "auto",
     ):
-        self.mechanism, self.simulator = mechanism, Simulator(mechanism)
+        self.mechanism, self.simulator, self.recording = mechanism, Simulator(mechanism), recording
         self.loss = choose_loss(loss, mechanism)
         self.coarse_loss = LOSSES["gaussian"] if loss == "auto" else self.loss  # jumps do not make outliers there
         self.joint = choose(inputs, {"joint": True, "fixed": False}, "inputs")

@@ -87,7 +87,7 @@ class Space:
         scales = np.zeros(len(ordered))
         for i, name in enumerate(ordered):
             par, width = table[name], high[i] - low[i]
-            if par.low < 0 or par.low == par.neutral or par.absent:
+            if par.linear:
                 usual = width / 2 if math.isfinite(width) else max(abs(par.neutral or 0.0), 1.0)
                 scales[i] = (sizes or {}).get(name) or usual
         return cls(ordered, low, high, tuple(below), scales)

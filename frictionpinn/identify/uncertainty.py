@@ -169,8 +169,7 @@ def finish(
     at = (state.u - low <= near) | (high - state.u <= near)
     value, ends = space.named(state.u), [names[i] for i in np.flatnonzero(at)]
     table = {par.name: par for par in problem.mechanism.parameters}
-    optional = {n for n in names if table[n].neutral is not None or table[n].absent}
-    at_limit = [n for n in ends if n in optional and value[n] in (table[n].low, table[n].high)]
+    at_limit = [n for n in ends if table[n].linear and value[n] in (table[n].low, table[n].high)]
     at_bound = [name for name in ends if name in problem.bounded and name not in at_limit]
 
     outputs = problem.channels.outputs
@@ -194,7 +193,7 @@ def finish(
             ci95[name] = one_sided(space, state, i, RISE_95 * factor)
         elif profiles and blunt and (slides or not at[i]):
             least, most = profiled(problem, evaluate, state, name, RISE_95 * factor, iterations=6).ci95
-            ci95[name] = min(least, p[i]), max(most, p[i])  # the prior may hold the estimate beside it
+            ci95[name] = min(least, p[i]), max(most, p[i])  # the prior, or a minimum that the profile left, holds it
 
     hidden = [names[i] for i in np.flatnonzero(mask)]
     outcome, advice = verdict(problem, minimum.reason, p, covariance, ci95, hidden, at_limit, at_bound, memory, white)

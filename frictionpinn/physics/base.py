@@ -33,7 +33,7 @@ class Parameter:
         scan: values to try, relative to the data.
         group: parameters of an effect in the same group are tested together (the sine and cosine of one ripple); a
             hidden parameter in a group shapes that alone.
-        absent: whether it may be 0 like the strength of an effect: it is searched as it is, not by its logarithm.
+        absent: whether it may be 0, like the strength of an effect.
     """
 
     name: str
@@ -47,6 +47,11 @@ class Parameter:
     scan: Scan | None = None
     group: str = ""
     absent: bool = False
+
+    @property
+    def linear(self) -> bool:
+        """Whether it may be 0 or negative: it is searched as it is, others by their logarithm."""
+        return self.absent or self.low < 0 or self.low == self.neutral
 
     @property
     def symbol(self) -> sp.Symbol:

@@ -14,10 +14,10 @@ from omegaconf import DictConfig
 
 from ..errors import UserError
 
-SCRIPTS = ("train", "evaluate", "identify", "diagnose", "check", "reproduce")
 _PACKAGE = Path(__file__).resolve().parents[1]
 # Shipped inside a wheel, at the top of the repository beside the package.
 CONF = next((path for path in (_PACKAGE / "conf", _PACKAGE.parent / "conf") if path.is_dir()), _PACKAGE / "conf")
+SCRIPTS = frozenset(path.stem for path in CONF.glob("*.yaml"))  # a command is a file there
 
 
 def quote(value: object) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import textwrap
 
-from .configs import SCRIPTS, Configs, called
+from .configs import Configs, called
 
 WIDTH = 110
 
@@ -16,7 +16,7 @@ def usage(configs: Configs) -> str:
     lines = (configs.folder / f"{name}.yaml").read_text(encoding="utf-8").split("\nhydra:")[0].splitlines()
     examples = [line.removeprefix("# ") for line in lines if line.startswith("# python")]
     if not called(name).startswith("python"):
-        examples = [re.sub(rf"^python ({'|'.join(SCRIPTS)})\.py", r"frictionpinn \1", text) for text in examples]
+        examples = [re.sub(r"^python (\w+)\.py", r"frictionpinn \1", text) for text in examples]
     groups = [found.groups() for line in lines if (found := re.match(r"  - (\w+): (\w+)", line))]
     shown = [f"  {f'{key}={value}':<26}{', '.join(configs.options(key))}" for key, value in groups]
     own = lines[max(k for k, line in enumerate(lines) if line.startswith("  - ")) + 1 :]

@@ -12,6 +12,7 @@ from frictionpinn.data.simulated import simulate_recording, simulate_trials
 from frictionpinn.identify import Problem, bound, maximum_likelihood
 from frictionpinn.identify.bound import bound_of
 from frictionpinn.identify.build import beside_jumps
+from frictionpinn.identify.profile import profiled
 from frictionpinn.identify.solve import NEAR, State, coarse_to_fine, levenberg_marquardt
 from frictionpinn.identify.trial import Piece
 from frictionpinn.numerics.resolution import averaged, samples_within
@@ -186,3 +187,27 @@ def test_samples_beside_a_jump_are_left_out_and_no_others():
     y = np.where(np.arange(100) < 40, 0.0, 3.0) + np.random.default_rng(0).normal(0, 0.1, 100)
     assert np.flatnonzero(beside_jumps(y, 0.1)).tolist() == [39, 40]
     assert not beside_jumps(np.sin(np.arange(100) / 10), 0.01).any()
+
+
+def test_only_laws_without_memory_leave_out_what_is_beside_a_jump(drive):
+    trials = [{"duration": 2.0, "force": "6*sin(4*pi*t)"}]
+    clean = simulate_recording(SYSTEM, "coulomb", {"mu_c": 3.0}, trials, 200.0)
+    for law, left_out in (("coulomb", True), ("lugre", False)):
+        (model,) = Problem(Mechanism(SYSTEM, LAWS[law]()), GaussianNoise(0.01)(clean, 1)).trials
+        missing = np.isnan(dict(zip(model.outputs, model.y, strict=True))["a"])
+        assert missing.any() == left_out and missing.mean() < 0.2
+
+
+def test_a_profile_that_never_rises_reaches_from_nothing_to_infinity(drive):
+    mechanism, _, noisy = drive
+    problem = Problem(mechanism, noisy)
+    n = len(problem.names)
+
+    def evaluate(u, locals_, derivatives, **_):
+        flat = Piece(0.0, {}, 1e-9 * np.eye(n), np.zeros((n, 0)), np.zeros((0, 0)), np.zeros(n), rows=(1.0, 1.0, 0.0))
+        return State(np.asarray(u), tuple(locals_), (flat,))
+
+    start = evaluate(problem.space.to_search(TRUTH), [np.zeros(0)], True)
+    low, high = profiled(problem, evaluate, start, "sigma_0", 1.92, iterations=2).ci95
+    assert (low, high) == (0.0, np.inf)
+    assert profiled(problem, evaluate, start, "mu_s", 1.92, iterations=2).ci95[0] == pytest.approx(TRUTH["mu_c"])
