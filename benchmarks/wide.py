@@ -8,7 +8,7 @@ Four systems, masses and lengths within a factor of two of conf/system, three la
 sines, 3 to 10 trials of unequal length at 100 to 2000 Hz, 1 to 10 % noise on every signal, some of it quantised; two
 thirds with an effect that nobody declared, 3 to 6 % of the friction force. The data come from equations of motion and
 friction laws of the benchmark's own (wide_simulate.py), where laws without memory hold a resting contact entirely; the
-package's creep at up to v_t (1e-4 m/s, stribeck 1e-5). --identify draws the same recordings without effects.
+package's creep at up to v_t (1e-5 m/s). --identify draws the same recordings without effects.
 
 Seeds below 1000 are for development. Those from 1000 on are the unseen ones: NOTHING may ever be tuned on them, no
 threshold compared and no fault mended with one of them in view, or they prove nothing any more.

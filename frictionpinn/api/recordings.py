@@ -91,8 +91,8 @@ def simulate(
           1      100      0.99        100
           signal  unit  smallest  largest
           force   N     -5        5
-          x       m     0         0.08398
-          v       m/s   -0.3376   0.3376
+          x       m     0         0.08388
+          v       m/s   -0.3374   0.3374
           a       m/s²  -4.254    2.876
     """
     check_truth(mechanism, truth)

@@ -12,8 +12,9 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..errors import UserError
+from ..identify.likelihood import minima_around
 from ..identify.problem import Problem
-from ..identify.solve import ROUGHLY, coarse_to_fine, cycled, levenberg_marquardt, reduced
+from ..identify.solve import ROUGHLY, coarse_to_fine, levenberg_marquardt, reduced
 from ..identify.start import ROUGH, windows_of
 from ..identify.trial import TrialModel
 from ..numerics.parallel import in_parallel
@@ -185,7 +186,7 @@ class Bench:
             sigmas: noise levels; by default the fit's.
             limits: of parameters beside their usual ones.
             widths: resolutions in time that are followed, s, the coarsest first.
-            around: look for other minima by going back to coarser resolutions and down again.
+            around: look for other minima around it.
         """
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
         if "mu_c" in {*names} & {*self.problem.names}:
@@ -202,7 +203,7 @@ class Bench:
                 return None
             minima = [found]
             if around:
-                minima = cycled(evaluate, found, problem.space.limits, self.widths)
+                minima = minima_around(problem, evaluate, found)
         except np.linalg.LinAlgError:  # derivatives that overflow
             return None
         state = minima[0].state

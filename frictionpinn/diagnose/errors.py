@@ -149,8 +149,8 @@ def implied_force(bench: Bench, fit: Fit, outliers: Masks) -> list[tuple[np.ndar
             y = y if name in model.outputs else np.where(np.isnan(y), run.signals[name], y)
             measured[name] = np.where(masks.get(name, False), np.nan, y)
         if system.massless:
-            name = next(iter(model.outputs))
-            pairs.append((measured[name], run.signals[name]))
+            ((name, key), *_) = model.outputs.items()
+            pairs.append((measured[name], run.F if key == "F" else run.signals[key]))
         else:
             pairs.append((samples(system, replace(run, signals=measured), system.friction_implied), run.F))
     return pairs

@@ -168,7 +168,10 @@ def _overflowing(fit: Fit, changes: Sequence[np.ndarray], sizes: Sequence[float]
 
 
 def _noise(rows: Sequence[Rows]) -> Noise:
-    """Noise of what is left when every candidate and variable has explained what it can."""
+    """Noise of what is left when every candidate and variable has explained what it can.
+
+    That of the fit, white, where these are more than half as many as the rows: so little is left that it tells nothing.
+    """
     columns = in_parallel(lambda k: Columns.of(rows[k], Noise()), [row.r.size for row in rows])
     normal = Normal.of((), columns)
     step = solve(normal.A, normal.b)
@@ -176,7 +179,7 @@ def _noise(rows: Sequence[Rows]) -> Noise:
     residuals = [dict(zip(row.signals, r, strict=True)) for row, r in zip(rows, left, strict=True)]
     count = sum(int(np.count_nonzero(row.r)) for row in rows)
     explained = len(step) + sum(c.own.shape[1] for c in columns)
-    return fit_noise(residuals, 1 - explained / count)
+    return fit_noise(residuals, 1 - explained / count) if 2 * explained < count else Noise()
 
 
 @dataclass(frozen=True)

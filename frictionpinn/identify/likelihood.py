@@ -8,15 +8,17 @@ acceleration, and a small change of the parameters changes nothing (laws without
 1. over short windows, each begun anew from what was measured, at a coarse resolution in time: a design over what the
    sliding samples do not tell, the best refined (:func:`frictionpinn.identify.start.find_start`);
 2. over whole trials, noisy inputs among the unknowns, from that resolution to the single sample, each minimum the start
-   of the next (:func:`_whole`); at the sample alone, which shows how fast a contact rings (:func:`_ringing`); and back
-   and down again (:func:`frictionpinn.identify.solve.cycled`);
-3. at the noise levels that the residuals show, until these settle.
+   of the next (:func:`_whole`), at the noise levels that the residuals show (:func:`_settled`);
+3. around what was found, by ways that show other minima (:func:`minima_around`). Trials share the parameters alone: the
+   likelihood has its minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each
+   trial has been there, and they are put together (:func:`frictionpinn.identify.solve.assembled`).
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +31,18 @@ from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.mechanism import Mechanism
 from .problem import Problem
 from .result import Estimate, Minimum
-from .solve import CLOSELY, GIVEN, Solution, State, coarse_to_fine, cycled, levenberg_marquardt, same_minimum
+from .solve import (
+    CLOSELY,
+    GIVEN,
+    Evaluate,
+    Solution,
+    State,
+    assembled,
+    coarse_to_fine,
+    levenberg_marquardt,
+    reduced,
+    same_minimum,
+)
 from .start import find_start
 from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours
@@ -37,8 +50,9 @@ from .uncertainty import failed, finish, neighbours
 RIVAL = 15.0  # log-likelihood over windows: a start that is worse by more is not tried on the whole trials
 AS_NEAR = 4.0  # log-likelihood at the coarsest resolution: another start that is as near is followed as well
 ELSEWHERE = 0.1  # in log u: starts that are closer are the same
+KICKS = tuple(np.geomspace(1.0, 12.0, 8))  # standard errors to where searches for other minima begin
 # Times the stiffness of the fit: a ring that lasts k periods fits one off as well, at (1 -+ 1/k)^2; k is 3 to 6.
-STIFFNESSES, NEXT = (0.5, 0.7, 1.4, 2.0), 2  # and resolutions next to the sample, which do not blur it, to follow from
+STIFFNESSES = (0.5, 0.7, 1.4, 2.0)
 LOUD = 20.0  # times the noise by differences: residuals over windows that are larger set the level
 NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
 
@@ -50,8 +64,6 @@ def maximum_likelihood(
     recording: Recording | None = None,
     *,
     start: Mapping[str, float] | None = None,
-    known: Found | None = None,
-    starts: Sequence[Solution] = (),
     thorough: bool = True,
     profiles: bool = True,
     **options: Any,
@@ -65,9 +77,6 @@ def maximum_likelihood(
         mechanism: the model, or a :class:`Problem`.
         recording: what was measured; not with a problem.
         start: parameter values to start from as well, by name (a trained PE's), SI units.
-        known: a minimum of the problem's likelihood at its noise levels, which the search is to beat, with the models
-            of its trials.
-        starts: what a search over short windows found before (``minimum.starts`` of an estimate), best first.
         thorough: look for others around the minimum that was found.
         profiles: follow the likelihood's profile where a parameter is told poorly; else its curvature tells.
         options: see :class:`Problem`.
@@ -86,53 +95,66 @@ def maximum_likelihood(
         raise UserError("no recording to estimate from", where="maximum_likelihood", fix="give a recording")
     else:
         problem = Problem(mechanism, recording, **options)
-    before, limits = problem.simulations, problem.space.limits
-    anew = not starts
-    starts = tuple(starts or find_start(problem, start, asis=known is None))
+    before = problem.simulations
+    starts = find_start(problem, start)
     sigmas = _sigmas_over_windows(problem, starts[0].state) if starts else dict(problem.sigmas)
-    best = _whole(problem, starts, sigmas, known)
-    if best is None:
+    ends = _whole(problem, starts, sigmas)
+    if not ends:
         return failed(problem, time.perf_counter() - began, problem.simulations - before)
-    if thorough:
-        best = _ringing(problem, sigmas, best, anew)
-    solution, models = best
+    models = ends[0][1]
+    solution, sigmas = _settled(problem, models, ends[0][0], sigmas)
     minima = [solution]
     if thorough:
-        minima = cycled(problem.evaluator(models, sigmas), solution, limits, problem.resolutions)
-        solution = minima[0]
-
-    if len(problem.given) == len(problem.sigmas):
-        solution = levenberg_marquardt(problem.evaluator(models, sigmas), solution.state, limits, iterations=20)
-    else:
-        for left in reversed(range(NOISE_ROUNDS)):
-            new = _sigmas_of(problem, models, solution.state)
-            change = max(abs(np.log(new[name] / sigmas[name])) for name in new)
-            sigmas = new
-            evaluate = problem.evaluator(models, sigmas)
-            first = evaluate(solution.state.u, solution.state.locals, True)
-            if first is None:
-                break
-            last = change < SETTLED or not left
-            how = {"iterations": 20} if last else CLOSELY
-            solution = levenberg_marquardt(evaluate, first, limits, **how)
-            if last:
-                break
+        others = [end.state for end, _ in ends[1:]]
+        minima = minima_around(problem, problem.evaluator(models, sigmas), solution, others)
+        solution, sigmas = _settled(problem, models, minima[0], sigmas)
 
     evaluate = problem.evaluator(models, sigmas)
-    beside = neighbours(evaluate, solution.state, limits) if len(minima) > 1 else []
+    beside = neighbours(evaluate, solution.state, problem.space.limits) if len(minima) > 1 else []
     rows = {name: [piece.residuals[name] for piece in solution.state.pieces] for name in problem.channels.outputs}
     white = whiteness(rows, round(problem.resolutions[0] / problem.interval)) > SIGNIFICANCE
-    minimum = Minimum(solution.state, tuple(models), solution.reason, tuple(minima), starts)
+    minimum = Minimum(solution.state, tuple(models), solution.reason, tuple(minima))
     spent = time.perf_counter() - began, problem.simulations - before
     return finish(problem, minimum, sigmas, *spent, beside=beside, profiles=profiles, white=white)
 
 
-def _whole(
-    problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, float], known: Found | None
-) -> Found | None:
-    """Fit the whole trials from the starts at the coarsest resolution, and from the best of these down to the sample.
+def minima_around(
+    problem: Problem, evaluate: Evaluate, found: Solution, others: Sequence[State] = ()
+) -> list[Solution]:
+    """Minima around one that was found, lowest first: the first one is put together from each trial's best.
 
-    Another is followed, too, where it is about as good there but elsewhere. ``known`` is returned where it is better.
+    Searches begin a few and many standard errors away, in directions drawn at random from what the data leave open:
+    when a body stops and breaks away differs there. And a contact rings, which resolutions next to the sample do not
+    blur: with a bristle, other stiffnesses are followed from the next one.
+
+    Args:
+        problem, evaluate: what is solved, and its cost.
+        found: a minimum of it.
+        others: where other searches for it ended, at whatever noise levels.
+    """
+    (low, high), widths = problem.space.limits, problem.resolutions
+    values, vectors = np.linalg.eigh(reduced(found.state)[0])
+    errors = vectors / np.sqrt(np.maximum(values, 1.0))  # what is hardly told is moved by a factor e
+    directions = np.random.default_rng(0).standard_normal((len(KICKS), len(values)))
+    steps = [(kick * errors @ z, widths[-1:]) for kick, z in zip(KICKS, directions, strict=True)]
+    if "sigma_0" in problem.names:
+        at = np.array([name == "sigma_0" for name in problem.names])
+        steps += [(np.log(factor) * at, widths[-2:]) for factor in STIFFNESSES]
+
+    def followed(k: int) -> Solution | None:
+        step, own = steps[k]
+        first = replace(found.state, u=np.clip(found.state.u + step, low, high))
+        return coarse_to_fine(evaluate, first, (low, high), own)
+
+    made = in_parallel(followed, [1.0] * len(steps))
+    ends = sorted([found, *(end for end in made if end is not None)], key=lambda end: end.state.cost)
+    best = assembled(evaluate, ends[0], [*others, *(end.state for end in ends[1:])], (low, high))
+    return [best, *(end for end in ends if not same_minimum(best.state, end.state))]
+
+
+def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, float]) -> list[Found]:
+    """Fits of the whole trials, best first: the starts at the coarsest resolution, and from the best of these down to
+    the sample. Another is followed, too, where it is about as good there but elsewhere.
     """
     limits, widths = problem.space.limits, problem.resolutions
     distinct: list[State] = []
@@ -147,15 +169,14 @@ def _whole(
             found = coarse_to_fine(problem.evaluator(begun[1], sigmas), begun[0], limits, widths[:1])
             coarse += [] if found is None else [(found, begun[1])]
     coarse.sort(key=lambda pair: pair[0].state.cost)
-    best = known
+    ends: list[Found] = []
     for k, (first, models) in enumerate(coarse):
         lowest = coarse[0][0].state
         if k and (first.state.cost > lowest.cost + AS_NEAR or _alike(first.state, lowest)):
             continue
         found = coarse_to_fine(problem.evaluator(models, sigmas), first.state, limits, widths[1:]) or first
-        if best is None or found.state.cost < best[0].state.cost:
-            best = found, models
-    return best
+        ends.append((found, models))
+    return sorted(ends, key=lambda end: end[0].state.cost)
 
 
 def _alike(start: State, other: State) -> bool:
@@ -173,29 +194,27 @@ def _begun(problem: Problem, u: np.ndarray) -> tuple[State, tuple[TrialModel, ..
     return State(u, tuple(model.local[: model.size(problem.joint)] for model in models), ()), models
 
 
-def _ringing(problem: Problem, sigmas: Mapping[str, float], best: Found, anew: bool) -> Found:
-    """The fit or a lower one, where a contact rings faster than the coarser resolutions show: a search at the single
-    sample, if it is to be made ``anew``, and the fit with other stiffnesses, followed from the resolutions next to it.
-    """
-    limits, widths = problem.space.limits, problem.resolutions
-    begun: list[tuple[State, tuple[TrialModel, ...], list[float]]] = []
-    for start in find_start(problem, width=0.0)[:1] if anew else []:
-        there = _begun(problem, start.state.u)
-        begun += [] if there is None else [(*there, [0.0])]
-    if "sigma_0" in problem.names:
-        for factor in STIFFNESSES:
-            u = best[0].state.u.copy()
-            u[problem.names.index("sigma_0")] += np.log(factor)
-            begun.append((State(np.clip(u, *limits), best[0].state.locals, ()), best[1], widths[-NEXT:]))
-
-    def followed(k: int) -> Solution | None:
-        state, models, own = begun[k]
-        return coarse_to_fine(problem.evaluator(models, sigmas), state, limits, own)
-
-    for found, (_, models, _) in zip(in_parallel(followed, [1.0] * len(begun)), begun, strict=True):
-        if found is not None and found.state.cost < best[0].state.cost:
-            best = found, models
-    return best
+def _settled(
+    problem: Problem, models: Sequence[TrialModel], solution: Solution, sigmas: dict[str, float]
+) -> tuple[Solution, dict[str, float]]:
+    """The minimum at the noise levels that its residuals show, and these."""
+    limits = problem.space.limits
+    if len(problem.given) == len(problem.sigmas):
+        return levenberg_marquardt(problem.evaluator(models, sigmas), solution.state, limits, iterations=20), sigmas
+    for left in reversed(range(NOISE_ROUNDS)):
+        new = _sigmas_of(problem, models, solution.state)
+        change = max(abs(np.log(new[name] / sigmas[name])) for name in new)
+        sigmas = new
+        evaluate = problem.evaluator(models, sigmas)
+        first = evaluate(solution.state.u, solution.state.locals, True)
+        if first is None:
+            break
+        last = change < SETTLED or not left
+        how = {"iterations": 20} if last else CLOSELY
+        solution = levenberg_marquardt(evaluate, first, limits, **how)
+        if last:
+            break
+    return solution, sigmas
 
 
 def _sigmas_over_windows(problem: Problem, state: State) -> dict[str, float]:

@@ -49,14 +49,12 @@ class Minimum:
         models: of the trials.
         reason: why the search ended, see :class:`frictionpinn.identify.solve.Solution`.
         minima: the lowest and others found around it, best first, before the noise levels were refined.
-        starts: what the search over short windows found, best first.
     """
 
     state: State
     models: tuple[TrialModel, ...]
     reason: str
     minima: tuple[Solution, ...] = ()
-    starts: tuple[Solution, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,7 @@ SAME_MINIMUM = 0.2  # log-likelihood: a point that is as near to a minimum as th
 ROUGHLY: dict[str, Any] = {"iterations": 20, "decrease": 0.1}  # of a search at a coarse resolution
 CLOSELY: dict[str, Any] = {"iterations": 20, "decrease": 0.03}  # at the sample; noise levels are refined afterwards
 
-# Reasons of solutions that no descent ended: a minimum that was known, values to start from, no simulations left.
-KNOWN, GIVEN, BUDGET = "known", "as given", "budget"
+GIVEN, BUDGET = "as given", "budget"  # reasons of solutions that no descent ended: values to start from, a budget spent
 
 
 @dataclass(frozen=True)
@@ -251,17 +250,32 @@ def coarse_to_fine(evaluate: Evaluate, first: State, limits: Limits, widths: Seq
     return found
 
 
-def cycled(evaluate: Evaluate, found: Solution, limits: Limits, widths: Sequence[float]) -> list[Solution]:
-    """The minimum and others found from it by going back to a coarser resolution and down again, lowest first.
+def assembled(evaluate: Evaluate, found: Solution, others: Sequence[State], limits: Limits) -> Solution:
+    """A minimum, or a lower one that begins with each trial's own unknowns from where that trial fits best.
 
-    Each time farther back: one level, half of them, all.
+    Trials share the global unknowns alone: a rugged likelihood has its minima trial by trial, and where searches that
+    ended elsewhere are each better in another trial, none of them is the lowest. Their own unknowns are carried to
+    the global ones of the minimum as the quadratic model says (:func:`moved`), and each trial takes the best.
+
+    Args:
+        evaluate: the cost.
+        found: the minimum.
+        others: where other searches ended, with derivatives, at whatever noise levels.
+        limits: bounds of u.
     """
-    minima = [found]
-    for depth in sorted({1, len(widths) // 2, len(widths) - 1} - {0}):
-        other = coarse_to_fine(evaluate, minima[0].state, limits, widths[-1 - depth :])
-        if other is not None and not same_minimum(minima[0].state, other.state):
-            minima = sorted([*minima, other], key=lambda solution: solution.state.cost)
-    return minima
+    best, locals_ = list(found.state.pieces), list(found.state.locals)
+    for other in others:
+        try:
+            carried = moved(other, found.state.u - other.u, limits, longest=np.inf)[1]
+        except np.linalg.LinAlgError:
+            continue
+        there = evaluate(found.state.u, carried, False)
+        for k, piece in enumerate(there.pieces if there else ()):
+            if piece.cost < best[k].cost:
+                best[k], locals_[k] = piece, carried[k]
+    first = evaluate(found.state.u, locals_, True)
+    better = None if first is None else levenberg_marquardt(evaluate, first, limits, **CLOSELY)
+    return better if better is not None and better.state.cost < found.state.cost else found
 
 
 def same_minimum(best: State, state: State) -> bool:

@@ -79,31 +79,27 @@ def windows_of(problem: Problem) -> tuple[TrialModel, ...]:
     return tuple(result)
 
 
-def find_start(
-    problem: Problem, given: Mapping[str, float] | None = None, asis: bool = True, width: float | None = None
-) -> list[Solution]:
+def find_start(problem: Problem, given: Mapping[str, float] | None = None) -> list[Solution]:
     """Fits over short windows to start whole trials from, best first.
 
     A design over what the sliding samples do not tell, the best refined; then a grid along the ridge from there.
 
     Args:
         problem: what is estimated.
-        given: parameter values, SI units, that are refined as well.
-        asis: whether these are a start as they are, too: the inputs' noise may lead the refinement astray.
-        width: resolution in time, s; by default the coarsest.
+        given: parameter values, SI units, that are a start as they are and refined: the inputs' noise may lead the
+            refinement astray.
     """
     windows, space = windows_of(problem), problem.space
     locals_ = [model.local for model in windows]
-    width = problem.resolutions[0] if width is None else width
 
     def evaluator(which: Sequence[int]) -> Evaluate:
-        return problem.evaluator([windows[k] for k in which], joint=False, width=width, **ROUGH)
+        return problem.evaluator([windows[k] for k in which], joint=False, width=problem.resolutions[0], **ROUGH)
 
     own: list[Solution] = []
     if given is not None:
         u = space.to_search(problem.start | dict(given))
         own = search(evaluator, space, locals_, [u], 1, iterations=20, decrease=0.3)
-        there = evaluator(range(len(windows)))(u, locals_, False) if asis else None
+        there = evaluator(range(len(windows)))(u, locals_, False)
         if there is not None:
             own.append(Solution(there, GIVEN))
     found = search(evaluator, space, locals_, coarse_design(problem), 2, iterations=6, decrease=2.0)

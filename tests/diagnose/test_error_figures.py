@@ -48,6 +48,8 @@ def test_inputs_are_reported_as_the_model_needs_them_and_of_an_imposed_motion_on
     fit = bench.base
     found = compare(bench, [fit, fit], fit.levels(bench.problem.loss))[0]
     assert [name for name, e in found.items() if "relative" in e] == [next(iter(found))] and len(found) > 1
+    force = next(iter(found.values()))
+    assert 0.9 < force["before"] / force["noise_floor"] < 2.0  # the model's force, not an input of 0, is compared
     assert {name: e["unit"] for name, e in found.items()} == {n: system.signal_units[n] for n in found}
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_diagnosis import diagnosed
@@ -82,3 +84,17 @@ def test_what_could_not_be_tested_is_refitted_where_it_has_a_single_parameter_an
     assert np.isnan(d.accepted[0].evidence["log10_p"])
     low, high = d.ci95["constant_force"]
     assert low <= 0.3 <= high
+
+
+def test_with_hardly_more_rows_than_candidates_the_noise_is_that_of_the_fit(drive):
+    # At a coarse resolution a short recording has fewer rows than could explain them: no noise is left to see.
+    bench, _ = drive
+    names = (*bench.base.names, *NAMES)
+    rows = scanning.linearise(bench, bench.base, names, {})
+    few = len(names) // sum(len(row.signals) for row in rows) + 1
+    short = [
+        replace(row, r=row.r[:, :few], change=row.change[:, :few], local=row.local[:, :few], weight=row.weight[:, :few])
+        for row in rows
+    ]
+    assert scanning._noise(short).level == {}
+    assert scanning._noise(rows).level != {}

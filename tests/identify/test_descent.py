@@ -13,7 +13,7 @@ from frictionpinn.identify import Problem, bound, maximum_likelihood
 from frictionpinn.identify.bound import bound_of
 from frictionpinn.identify.build import beside_jumps
 from frictionpinn.identify.profile import profiled
-from frictionpinn.identify.solve import NEAR, State, coarse_to_fine, levenberg_marquardt
+from frictionpinn.identify.solve import NEAR, Solution, State, assembled, coarse_to_fine, levenberg_marquardt
 from frictionpinn.identify.trial import Piece
 from frictionpinn.numerics.resolution import averaged, samples_within
 from frictionpinn.numerics.whiteness import SIGNIFICANCE, whiteness
@@ -170,6 +170,38 @@ def test_damping_does_not_hold_fast_what_a_trials_own_unknown_nearly_stands_for(
     for damping in (0.0, NEAR):
         found = levenberg_marquardt(evaluate, start, limits, iterations=1, damping=damping)
         assert found.state.u[0] == pytest.approx(0.5, abs=1e-3)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=6), st.integers(0, 2**31 - 1))
+def test_searches_that_each_end_right_in_another_trial_make_one_that_is_right_in_all(centres, seed):
+    # Each trial's own unknown x has a minimum at u + c and a higher one at u + c + 5: cos(2 pi d / 5) - 1 + d^2 / 90.
+    rng, centres = np.random.default_rng(seed), np.array(centres)
+
+    def evaluate(u, locals_, derivatives, **_):
+        pieces = []
+        for c, x in zip(centres, locals_, strict=True):
+            d = float(x[0] - u[0] - c)
+            k = 2 * np.pi / 5
+            cost = 100 * (1 - np.cos(k * d) + d * d / 90) + 0.5 * float(u[0]) ** 2
+            slope, curve = 100 * (k * np.sin(k * d) + d / 45), 100 * (k * k + 1 / 45)
+            gg, gl, ll = np.array([[curve + 1.0]]), np.array([[-curve]]), np.array([[curve]])
+            grad = np.array([-slope + u[0]])
+            pieces.append(Piece(cost, {}, gg, gl, ll, grad, np.array([slope]), rows=(1.0, 1.0, 0.0)))
+        return State(np.asarray(u, float), tuple(locals_), tuple(pieces))
+
+    def ended(wrong: np.ndarray) -> Solution:
+        first = evaluate(np.zeros(1), [np.array([c + 5.0 * w]) for c, w in zip(centres, wrong, strict=True)], True)
+        return levenberg_marquardt(evaluate, first, limits)
+
+    limits = np.array([-9.0]), np.array([9.0])
+    wrong = np.array([rng.permutation(len(centres)) == k for k in range(3)])  # each right in all trials but one
+    ends = sorted((ended(w) for w in wrong), key=lambda end: end.state.cost)
+    found = assembled(evaluate, ends[0], [end.state for end in ends[1:]], limits)
+    right = ended(np.zeros(len(centres)))
+    if len({int(np.argmax(w)) for w in wrong}) > 1:
+        assert found.state.cost == pytest.approx(right.state.cost, abs=0.05)
+    assert found.state.cost <= ends[0].state.cost
 
 
 def test_viscous_friction_gives_way_to_drag_along_a_straight_line():

@@ -1,7 +1,5 @@
 """Static friction with the Stribeck effect: a map from velocity and normal force to force."""
 
-from dataclasses import replace
-
 from ..base import ALPHA, MU_C, MU_S, SIGMA_2, V_S, V_T, FrictionLaw, sign_smooth, stribeck_curve
 
 
@@ -13,8 +11,7 @@ class Stribeck(FrictionLaw):
     """
 
     name = "stribeck"
-    # A tenth of Coulomb's v_t: at a Stribeck velocity of 1 mm/s breakaway falls short of mu_s by less than 1 %, not 7.
-    parameters = (MU_C, MU_S, V_S, ALPHA, SIGMA_2, replace(V_T, value=1e-5))
+    parameters = (MU_C, MU_S, V_S, ALPHA, SIGMA_2, V_T)
 
     def capacity(self, c, p):
         return stribeck_curve(c, p)
