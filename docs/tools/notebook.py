@@ -72,6 +72,8 @@ def run(text: str, folder: Path) -> list[Cell]:
                 except Exception as error:
                     error.add_note(f"in the cell:\n{cell.source}")
                     raise
+    if pyplot := sys.modules.get("matplotlib.pyplot"):
+        pyplot.close("all")
     return made
 
 
