@@ -108,7 +108,7 @@ def test_the_reference_describes_all_that_the_package_exports():
     assert all(f".{name}\n" in text for name in fp.__all__)
     assert all(f"## {name} " in reference.systems() for name in SYSTEMS)
     assert all(f"## {name} " in reference.laws() and reference.equations_of(LAWS[name]()) for name in LAWS)
-    assert r"e^{- \left|{\frac{v}{v_{s}}}\right|^{\alpha}}" in reference.laws()
+    assert r"\operatorname{exp}{\left(- \left|{\frac{v}{v_{s}}}\right|^{\alpha} \right)}" in reference.laws()
 
 
 def test_the_plan_of_an_experiment_runs_as_printed(capsys):

@@ -28,7 +28,6 @@ CHANGE = 0.1  # of what is measured, rms: the strength of a shown effect
 # Where values from the scan make a poor picture: lengths and frequencies that the eye can follow.
 CHOSEN = {"ripple_wavelength": 0.02, "vibration_frequency": 4.0, "dwell_time": 0.1}
 GROUP = {"trial_level": "2"}
-PLACE = {"asymmetry": "sdob"}  # under a constant load it is a constant force
 ENOUGH = 0.4  # share of what is left that a variable has to explain
 MIDDLE = "time (s) of trial"
 INTRO = """# Gallery of effects
@@ -97,7 +96,7 @@ def place_of(name: str) -> tuple[Bed, str, tuple[str, ...]]:
     """The first bed and law with which an effect can act, and what it needs beside it."""
     kind = EFFECTS[name]()
     for beside in ((), ("presliding",)):
-        for bed in sorted(BEDS, key=lambda bed: bed.system != PLACE.get(name)):
+        for bed in BEDS:
             for law in LAWS_IN_ORDER:
                 if kind.applies(bed.mechanism(law).system, LAWS[law](), beside):
                     return bed, law, beside
@@ -153,7 +152,7 @@ def figure(shown: Shown) -> Figure:
     left.set(xlabel="time (s), dotted: the next trial", ylabel=f"{what}, model minus\nmeasurement ({unit})")
     left.margins(x=0.01)
     y = np.concatenate(shown.residuals)
-    low, high = np.percentile(y, (0.5, 99.5))
+    low, high = np.percentile(y, (1.5, 98.5))
     room = max(0.12 * (high - low), shown.sigma)
     left.set_ylim(min(low - room, -3 * shown.sigma), max(high + room, 3 * shown.sigma))  # single samples may lie beyond
     label, x, forwards = telling(shown)

@@ -123,6 +123,7 @@ def tidy(expr: sp.Expr) -> sp.Expr:
 
 def latex(left: str, side: sp.Expr) -> str:
     """An equation in LaTeX, products by a thin space; the left side is LaTeX already."""
+    side = sp.sympify(side).replace(sp.exp, sp.Function("exp"))  # an exponent that is a fraction is too small to read
     right = in_latex(sp.Eq(sp.Symbol("Q"), side, evaluate=False)).partition("=")[2]
     return f"{left} ={right}".replace(r"\cdot", r"\,")
 
