@@ -49,7 +49,7 @@ def main() -> None:
         path.write_text(finished(path), encoding="utf-8")
     options = ["--no-strict"] if draft else ["--strict"]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "DISABLE_MKDOCS_2_WARNING": "true"}
-    done = subprocess.run([sys.executable, "-m", "mkdocs", "build", "--quiet", *options], cwd=ROOT, env=environment)
+    done = subprocess.run([sys.executable, "-m", "mkdocs", "build", *options], cwd=ROOT, env=environment)
     if done.returncode == 0:
         print(f"the site: {ROOT / 'build' / 'site' / 'index.html'}; with search: python -m http.server -d build/site")
     sys.exit(done.returncode)
