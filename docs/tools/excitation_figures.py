@@ -65,7 +65,7 @@ def experiments() -> Figure:
     figure = Figure(figsize=(8.5, 3.4), layout="constrained")
     axes = figure.subplots()
     shade = np.clip(np.log10(np.minimum(told, 1e3)), -3.5, 0.5)
-    axes.imshow(shade, cmap="RdYlGn_r", aspect="auto", alpha=0.85)
+    axes.imshow(shade, cmap="RdYlGn_r", aspect="auto", alpha=0.45)
     for (row, column), value in np.ndenumerate(told):
         text = "not told" if value > 1 else f"{100 * value:.2g} %"
         axes.text(column, row, text, ha="center", va="center", fontsize=9)
