@@ -67,6 +67,7 @@ def test_a_tutorial_runs_shows_figures_and_is_a_notebook(path, tmp_path):
     shown = [out.kind for cell in made for out in cell.outputs]
     assert "png" in shown and any(cell.kind == "bash" and cell.outputs for cell in made)
     text = notebook.page(made, path.stem, tmp_path / "made")
+    assert str(tmp_path) not in text
     assert text.count("](made/") == len(list((tmp_path / "made").glob("*.png"))) == shown.count("png")
     book = json.loads(notebook.as_ipynb(made))
     assert book["nbformat"] == 4 and sum(cell["cell_type"] == "code" for cell in book["cells"]) > 3

@@ -72,6 +72,8 @@ def run(text: str, folder: Path) -> list[Cell]:
                 except Exception as error:
                     error.add_note(f"in the cell:\n{cell.source}")
                     raise
+    for out in (out for cell in made for out in cell.outputs if out.kind == "text"):
+        out.content = out.content.replace(f"{folder.resolve()}/", "")  # where it ran is nobody's business
     if pyplot := sys.modules.get("matplotlib.pyplot"):
         pyplot.close("all")
     return made
