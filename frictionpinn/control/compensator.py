@@ -7,14 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import UserError, choose
+from ..errors import UserError
 from ..numerics.codegen import Kernels, pointer
 from ..online.check import check_adapt, check_sensors, finite, parameter_vector
 from ..physics.base import TRIAL
 from ..physics.mechanism import Mechanism
-from .recursions import ESTIMATE, REFERENCE, Memory, Plan, cycle
+from .recursions import DISTURBANCE, SLOPES, THETA, Memory, Plan, cycle
 
-ALONG = {"reference": REFERENCE, "estimate": ESTIMATE}
 STILL = 10.0  # steps of the encoder a second: slower, a reference is at rest
 
 
@@ -30,9 +29,8 @@ class Compensator:
     """Torque that cancels the friction of an axis, once in every cycle of its controller.
 
     The torque is F(q_r, v_r, z_r; p) + d, limited. F is the mechanism's friction, effects included, along the reference
-    (q_r, v_r), with a bristle z_r that is carried along it; or, with ``along="estimate"``, along the motion that the
-    filter estimates. With ``adapt`` or ``disturbance`` a Kalman filter on the equation of motion (see
-    :mod:`.recursions`) reads the encoder, carries the machine's own bristle, follows the parameters named in ``adapt``
+    (q_r, v_r), with a bristle z_r that is carried along it. With ``adapt`` or ``disturbance`` a Kalman filter on the equation of motion (see
+    :mod:`.recursions`) reads the encoder, follows the parameters named in ``adapt``
     and estimates the disturbance d, all else that acts like a friction. Without either, it is a feed-forward; without a
     law (mu_c = 0), a disturbance observer.
 
@@ -50,11 +48,9 @@ class Compensator:
         adapt: parameter -> relative change per square root of a second of motion.
         spread: parameter that adapts -> relative standard deviation at the start; 0 where not given.
         disturbance: change of d per square root of a second, in the unit of force; 0: there is none.
-        unmodelled: spectral density's root of the acceleration that the equations leave out, (position/s^2) sqrt(s).
         still: speed of the reference at which half of the feedback is let through; None: ten steps of the encoder a
             second.
         limit: largest torque to add, in the unit of force.
-        along: "reference" or "estimate".
         gain: factor of the torque, for tests of how much over-compensation a loop bears.
 
     Raises:
@@ -75,17 +71,15 @@ class Compensator:
         adapt: Mapping[str, float] | None = None,
         spread: Mapping[str, float] | None = None,
         disturbance: float = 0.0,
-        unmodelled: float = 0.0,
         still: float | None = None,
         limit: float = 1e9,
-        along: str = "reference",
         gain: float = 1.0,
     ):
         check_axis(mechanism)
         check_sensors(mechanism)
         for name, value in {"interval": interval, "resolution": resolution, "limit": limit}.items():
             _above(name, value, 0.0)
-        for name, value in {"delay": delay, "disturbance": disturbance, "unmodelled": unmodelled}.items():
+        for name, value in {"delay": delay, "disturbance": disturbance}.items():
             _least(name, value)
         self.mechanism, self.kernels = mechanism, Kernels(mechanism)
         self.names = tuple(par.name for par in mechanism.parameters)
@@ -94,22 +88,22 @@ class Compensator:
         check_adapt(self.adapt, self.names, p, None)
         n_s, n_w, n_u, _ = self.kernels.sizes
         plain, columns = self.kernels.plain, mechanism.input_signals
-        self._k, size = len(self.adapt), n_s + 1 + len(self.adapt)
+        self._k, size = len(self.adapt), THETA + len(self.adapt)
         clocks = [(n_u - len(mechanism.clocks) + i, int(symbol != TRIAL)) for i, symbol in enumerate(mechanism.clocks)]
         self.plan = Plan(
             pointer(plain.newton), pointer(plain.outputs), pointer(self.kernels.strengths(tuple(self.adapt))), p,
             np.array([self.names.index(name) for name in self.adapt], dtype=np.int64),
             np.array(clocks, dtype=np.int64).reshape(-1, 2), (n_s, n_w, n_u, columns.index(actuator(mechanism))),
-            float(interval), float(delay / interval), float(resolution) ** 2 / 12, float(unmodelled) ** 2,
+            float(interval), float(delay / interval), float(resolution) ** 2 / 12,
             float(disturbance) ** 2, np.array([rate**2 for rate in self.adapt.values()], dtype=float),
             np.array([disturbance, *(self.spread.get(name, 0.0) for name in self.adapt)], dtype=float),
-            float(STILL * resolution if still is None else still), float(limit), choose(along, ALONG, "along"),
-            bool(self.adapt or disturbance or choose(along, ALONG, "along") == ESTIMATE), float(gain),
+            float(STILL * resolution if still is None else still), float(limit), bool(self.adapt or disturbance),
+            float(gain),
         )  # fmt: skip
         _above("still", self.plan.still, 0.0)
         self.memory = Memory(
-            np.zeros(size), np.zeros((size, size)), np.zeros(n_w), np.zeros(n_s), np.zeros(n_w), p.copy(),
-            np.zeros(int(self.plan.lag) + 2), np.zeros(3), np.zeros(1, dtype=np.int64),
+            np.zeros(size), np.zeros((size, size)), np.zeros(n_s), np.zeros(n_w),
+            np.zeros((n_s, self._k)), p.copy(), np.zeros((int(self.plan.lag) + 3, SLOPES + self._k)), np.zeros(3), np.zeros(1, dtype=np.int64),
         )  # fmt: skip
         self._result = np.zeros(3)
 
@@ -149,7 +143,7 @@ class Compensator:
     @property
     def disturbance(self) -> float:
         """What is estimated to act beside the mechanism's friction, counted as friction is, in the unit of force."""
-        return float(self.memory.X[self.kernels.sizes[0]])
+        return float(self.memory.X[DISTURBANCE])
 
 
 def actuator(mechanism: Mechanism) -> str:

@@ -18,7 +18,7 @@ from ..physics.base import TRIAL
 from ..physics.mechanism import Mechanism
 from .compensator import Compensator, actuator, check_axis
 from .pid import Gains, pid
-from .recursions import Plan, advance, cycle, inputs
+from .recursions import Plan, cycle, inputs, remember
 
 PARTS = 2  # a delay is a whole number of such parts of a cycle
 RTOL, ATOL, TOLERANCE = 1e-4, 1e-6, 1e-2
@@ -63,7 +63,7 @@ def move(body, plan, foreign, s, w, torque, t):
         out, matrix, pivots = np.zeros(n_w + n_w * (n_s + n_w) + 1), np.empty((n_w, n_w)), np.empty(n_w, np.int64)
         for _ in range(foreign.steps):
             s[0], s[1] = foreign.q[0], foreign.v[0]
-            advance(plan, s, w, u, plan.p, 0.0, 0, out, matrix, pivots)
+            remember(plan, s, w, u, plan.p, out, matrix, pivots)
             plan.outputs(s, w, u, plan.p, seen)
             foreign.applied[0] = torque - seen[2]
             foreign.step(foreign.model, foreign.data)
