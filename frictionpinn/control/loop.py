@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numba import njit, types
@@ -13,10 +13,8 @@ from ..errors import UserError
 from ..numerics.codegen import Kernels, pointer
 from ..numerics.integrator import OK, OPTIONS, integrate
 from ..numerics.tableau import METHOD
-from ..online.check import parameter_vector
-from ..physics.base import TRIAL
 from ..physics.mechanism import Mechanism
-from .compensator import Compensator, actuator, check_axis
+from .compensator import Command, Compensator, check_axis
 from .pid import Gains, pid
 from .recursions import Plan, cycle, inputs, remember
 
@@ -84,27 +82,27 @@ def move(body, plan, foreign, s, w, torque, t):
 
 
 @njit(**OPTIONS)
-def run(body, plan, foreign, s, w, gains, h, resolution, late, compensates, own, memory, now, ahead, base, log):
-    """Close the loop over all cycles.
+def run(body, plan, foreign, state, gains, h, resolution, late, compensates, own, memory, now, ahead, base, log, span):
+    """Close the loop over a span of cycles.
 
     Args:
+        state: s, w, the controller's memory, pending torques (newest first), result of the compensator: all written.
         late: parts of a cycle from a command to its effect.
-        own, memory: of the compensator.
+        compensates: whether ``own`` and ``memory`` are asked; else the result in ``state`` is taken as it stands.
         now, ahead: reference at every cycle, and at the middle of its command's effect, shape (n, 3).
         base: torque that the controller adds along the reference in any case, shape (n,).
         log: receives position, velocity, friction force, reading, torque, compensation and its interval, shape (n, 8).
+        span: first cycle, and the one after the last.
 
     Returns:
-        number of cycles that could be solved.
+        the cycle at which the plant could not be solved, or the end of the span.
     """
-    n = now.shape[0]
-    pending = np.zeros(late // PARTS + 2)
-    controller, result, seen, torque = np.zeros(4), np.zeros(3), np.zeros(3), 0.0
-    u = inputs(plan, 0.0, 0.0)
-    for k in range(n):
-        reading = np.round(s[0] / resolution) * resolution
+    s, w, controller, pending, result = state
+    seen, u = np.zeros(3), inputs(plan, 0.0, 0.0)
+    for k in range(span[0], span[1]):
+        reading = encoder(s[0], resolution)
         if compensates:
-            cycle(own, memory, ahead[k], reading, torque, result)
+            cycle(own, memory, ahead[k], reading, pending[0], result)
         torque = pid(gains, controller, now[k], reading, base[k] + result[0], h)
         seen[:] = 0.0
         plan.outputs(s, w, u, plan.p, seen)
@@ -114,11 +112,16 @@ def run(body, plan, foreign, s, w, gains, h, resolution, late, compensates, own,
             pending[i] = pending[i - 1]
         pending[0] = torque
         for part in range(PARTS):
-            back = (late - part + PARTS - 1) // PARTS  # cycles ago that the command was given
-            acting = pending[max(back, 0)]
+            acting = pending[(late - part + PARTS - 1) // PARTS]  # the command of so many cycles ago
             if not move(body, plan, foreign, s, w, acting, k * h + part * plan.h):
                 return k
-    return n
+    return span[1]
+
+
+@njit(**OPTIONS)
+def encoder(position, resolution):
+    """What an encoder shows."""
+    return np.round(position / resolution) * resolution
 
 
 _STEP = types.FunctionType(types.void(types.int64, types.int64))
@@ -159,6 +162,14 @@ class Plant:
     delay: float
     limit: float
     foreign: Callable[[Plant, float], tuple[Foreign, float, Any]] | None = None
+
+
+class Adds(Protocol):
+    """What a closed loop asks of a compensator, see :class:`Compensator`."""
+
+    def update(self, reference: Sequence[float], position: float, torque: float) -> Command: ...
+
+    def reset(self) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -204,7 +215,7 @@ def close(
     gains: Gains,
     reference: Callable[[np.ndarray], np.ndarray],
     duration: float,
-    compensator: Compensator | None = None,
+    compensator: Adds | None = None,
     model: tuple[Mechanism, Mapping[str, float]] | None = None,
     interval: float = 1e-3,
     delay: float = 0.0,
@@ -214,7 +225,8 @@ def close(
     Args:
         reference: times (n,) -> position, velocity, acceleration (n, 3).
         duration: s.
-        compensator: what is added to the controller; None: nothing.
+        compensator: what is added to the controller, a :class:`Compensator` (compiled) or any object with ``update`` and
+            ``reset`` like its; None: nothing.
         model: axis and parameters from which the controller computes the torque of the motion without friction.
         interval: cycle, s.
         delay: that controller and compensator believe in, s.
@@ -235,21 +247,29 @@ def close(
     now, ahead = reference(t), reference(t + delay + interval / 2)
     base = _inverse(Compensator(*model).plan, ahead) if model else np.zeros(n)
     foreign, step, kept = plant.foreign(plant, part) if plant.foreign else (_NOWHERE, part, None)
-    names = tuple(par.name for par in plant.mechanism.parameters)
     own = Compensator(plant.mechanism, plant.parameters, interval=step).plan
-    own = own._replace(p=parameter_vector(plant.mechanism, names, plant.parameters))
     atol = np.full(n_s, ATOL * part)
     atol[1] = ATOL
     order = min(METHOD.order, METHOD.order_embedded) + 1
     body = Body(pointer(kernels.plain.newton), METHOD.a, METHOD.c, METHOD.error, order, atol)
-    helper = compensator or Compensator(plant.mechanism, plant.parameters, interval=interval)
-    helper.reset()
-    s, log = np.zeros(n_s), np.zeros((n, 8))
+    compiled = isinstance(compensator, Compensator)
+    helper = compensator if isinstance(compensator, Compensator) else Compensator(plant.mechanism, plant.parameters)
+    if compensator is not None:
+        compensator.reset()
+    s, log, result = np.zeros(n_s), np.zeros((n, 8)), np.zeros(3)
     s[0] = now[0, 0]
-    done = run(
-        body, own, foreign, s, np.zeros(n_w), gains, float(interval), float(plant.resolution), late,
-        compensator is not None, helper.plan, helper.memory, now, ahead, base, log,
-    )  # fmt: skip
+    state = (s, np.zeros(n_w), np.zeros(4), np.zeros(late // PARTS + 2), result)
+    fixed = (body, own, foreign, state, gains, float(interval), float(plant.resolution), late, compiled, helper.plan,
+             helper.memory, now, ahead, base, log)  # fmt: skip
+    if compiled or compensator is None:
+        done = run(*fixed, (0, n))
+    else:
+        for k in range(n):
+            command = compensator.update(ahead[k], float(encoder(s[0], plant.resolution)), float(state[3][0]))
+            result[:] = command.torque, command.low, command.high
+            done = run(*fixed, (k, k + 1))
+            if done == k:
+                break
     del kept  # the other simulator's model lived until here
     if done < n:
         raise UserError("plant that cannot be simulated", where=f"t = {done * interval:.3f} s", fix="lower the gains")
