@@ -23,8 +23,8 @@ def build_compensator(
     Args:
         config: name; friction (a law in the place of the identified one, ``none`` for no law, null for the identified
             one with its effects); transition (v_t of a law that has one, as a share of v_s); adapt and spread by
-            parameter, those that the law lacks left out; disturbance and limit in units of the dry friction (per root
-            of a second); gain.
+            parameter, those that the axis lacks or that are 0 left out; disturbance and limit in units of the dry friction (per root
+            of a second); bandwidth in Hz; gain.
         mechanism, parameters: as identified, SI units.
         loop: interval, delay and resolution, see :class:`Compensator`.
 
@@ -48,12 +48,14 @@ def build_compensator(
         raise UserError("law without its parameters", where="control.friction", received=own.law.name,
                         allowed=f"a law whose parameters were identified; {', '.join(lacking)} were not",
                         fix=f"identify with friction={own.law.name}, or take another arm")  # fmt: skip
+    adapt = {name: rate for name, rate in config["adapt"].items() if values.get(name, 0.0) > 0.0}
     return Compensator(
         own,
         values,
-        adapt={name: rate for name, rate in config["adapt"].items() if name in names},
-        spread={name: share for name, share in config["spread"].items() if name in names and name in config["adapt"]},
+        adapt=adapt,
+        spread={name: share for name, share in config["spread"].items() if name in adapt},
         disturbance=config["disturbance"] * level,
+        bandwidth=config["bandwidth"],
         limit=config["limit"] * level,
         gain=config["gain"],
         **loop,

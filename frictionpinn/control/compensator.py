@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from ..numerics.codegen import Kernels, pointer
 from ..online.check import check_adapt, check_sensors, finite, parameter_vector
 from ..physics.base import TRIAL
 from ..physics.mechanism import Mechanism
-from .recursions import DISTURBANCE, SLOPES, THETA, Memory, Plan, cycle
+from .recursions import DISTURBANCE, SLOPES, THETA, Memory, Plan, cycle, inertia
 
 STILL = 10.0  # steps of the encoder a second: slower, a reference is at rest
 
@@ -42,12 +43,16 @@ class Compensator:
         mechanism: one free coordinate and a force or torque on it: drive, joint, pendulum; effects may act on the
             mechanism, not on its sensors.
         parameters: by name, SI units: identified, or known.
+        known: with which the controller computes the torque of the motion without friction; what p says beyond them is
+            added, too (a load). None: ``parameters``.
         interval: cycle of the controller, s.
         delay: from a command to its effect, s; the reference that :meth:`update` gets is that much ahead.
         resolution: step of the encoder, in the unit of position.
         adapt: parameter -> relative change per square root of a second of motion.
         spread: parameter that adapts -> relative standard deviation at the start; 0 where not given.
         disturbance: change of d per square root of a second, in the unit of force; 0: there is none.
+        bandwidth: up to which d follows, Hz: readings count as noisy enough for that, whatever the encoder. What the
+            equations leave out above it (an elastic gear, the delay's error) is left to the controller.
         still: speed of the reference at which half of the feedback is let through; None: ten steps of the encoder a
             second.
         limit: largest torque to add, in the unit of force.
@@ -65,19 +70,22 @@ class Compensator:
         mechanism: Mechanism,
         parameters: Mapping[str, float],
         *,
+        known: Mapping[str, float] | None = None,
         interval: float = 1e-3,
         delay: float = 0.0,
         resolution: float = 1e-6,
         adapt: Mapping[str, float] | None = None,
         spread: Mapping[str, float] | None = None,
         disturbance: float = 0.0,
+        bandwidth: float = 30.0,
         still: float | None = None,
         limit: float = 1e9,
         gain: float = 1.0,
     ):
         check_axis(mechanism)
         check_sensors(mechanism)
-        for name, value in {"interval": interval, "resolution": resolution, "limit": limit}.items():
+        for name, value in {"interval": interval, "resolution": resolution, "limit": limit,
+                            "bandwidth": bandwidth}.items():
             _above(name, value, 0.0)
         for name, value in {"delay": delay, "disturbance": disturbance}.items():
             _least(name, value)
@@ -90,13 +98,15 @@ class Compensator:
         plain, columns = self.kernels.plain, mechanism.input_signals
         self._k, size = len(self.adapt), THETA + len(self.adapt)
         clocks = [(n_u - len(mechanism.clocks) + i, int(symbol != TRIAL)) for i, symbol in enumerate(mechanism.clocks)]
+        w = 2 * math.pi * bandwidth
         self.plan = Plan(
             pointer(plain.newton), pointer(plain.outputs), pointer(self.kernels.strengths(tuple(self.adapt))), p,
+            p if known is None else parameter_vector(mechanism, self.names, {**parameters, **known}),
             np.array([self.names.index(name) for name in self.adapt], dtype=np.int64),
             np.array(clocks, dtype=np.int64).reshape(-1, 2), (n_s, n_w, n_u, columns.index(actuator(mechanism))),
-            float(interval), float(delay / interval), float(resolution) ** 2 / 12,
+            float(interval), float(delay / interval), self._noise(p, interval, resolution, disturbance, w),
             float(disturbance) ** 2, np.array([rate**2 for rate in self.adapt.values()], dtype=float),
-            np.array([disturbance, *(self.spread.get(name, 0.0) for name in self.adapt)], dtype=float),
+            np.array([disturbance / math.sqrt(w), *(self.spread.get(name, 0.0) for name in self.adapt)], dtype=float),
             float(STILL * resolution if still is None else still), float(limit), bool(self.adapt or disturbance),
             float(gain),
         )  # fmt: skip
@@ -110,6 +120,14 @@ class Compensator:
     def __repr__(self) -> str:
         told = ", ".join(f"{name} {value:.4g}" for name, value in self.parameters.items() if name in self.adapt)
         return f"Compensator({self.mechanism.name}; adapts {told or 'nothing'})"
+
+    def _noise(self, p: np.ndarray, h: float, resolution: float, disturbance: float, w: float) -> float:
+        """Variance of a reading at which a Kalman filter of d has the bandwidth w; without d, that of the encoder's step.
+
+        Of a triple integrator under noise of density q, read with density r, that is (q / r)^(1/6).
+        """
+        m = inertia(pointer(self.kernels.plain.newton), p, self.kernels.sizes)
+        return (disturbance / m) ** 2 / (w**6 * h) if disturbance else resolution**2 / 12
 
     def reset(self) -> None:
         """Forget all cycles; parameters that adapt return to their first values."""

@@ -11,15 +11,15 @@ from numba import njit
 from ..errors import UserError
 from ..numerics.integrator import OPTIONS
 
-INTEGRAL, SPEED, LAST, BEGUN = 0, 1, 2, 3  # places in the memory
+INTEGRAL, RATE, LAST, BEGUN = 0, 1, 2, 3  # places in the memory
 
 
 class Gains(NamedTuple):
-    """Gains of u = kp e + ki int e + kd (v_r - v_f), and what limits it.
+    """Gains of u = kp e + ki int e + kd e_f', and what limits it; e_f' is the error's rate through a low-pass.
 
     Attributes:
         kp, ki, kd: force per position, per position and second, per velocity.
-        filter: time constant of the velocity's low-pass, s.
+        filter: time constant of the low-pass, s.
         limit: largest torque of controller and all that is added to it.
         dead: error, in the unit of position, up to which a reference at rest leaves the integral alone.
     """
@@ -43,12 +43,12 @@ def pid(gains, memory, reference, reading, added, h):
         added: torque that is added, feed-forward and compensation.
         h: cycle, s.
     """
-    if memory[BEGUN] == 0.0:
-        memory[LAST], memory[SPEED], memory[BEGUN] = reading, 0.0, 1.0
-    memory[SPEED] += h / (gains.filter + h) * ((reading - memory[LAST]) / h - memory[SPEED])
-    memory[LAST] = reading
     error = reference[0] - reading
-    wanted = gains.kp * error + memory[INTEGRAL] + gains.kd * (reference[1] - memory[SPEED]) + added
+    if memory[BEGUN] == 0.0:
+        memory[LAST], memory[RATE], memory[BEGUN] = error, 0.0, 1.0
+    memory[RATE] += h / (gains.filter + h) * ((error - memory[LAST]) / h - memory[RATE])
+    memory[LAST] = error
+    wanted = gains.kp * error + memory[INTEGRAL] + gains.kd * memory[RATE] + added
     torque = min(max(wanted, -gains.limit), gains.limit)
     if reference[1] != 0.0 or abs(error) > gains.dead:
         back = gains.ki / gains.kp * (torque - wanted)

@@ -28,6 +28,7 @@ from ..numerics.integrator import OPTIONS, back_substitute, factorize, newton_ma
 ITERATIONS = 12  # of Newton's method for what remembers, at most: the laws are linear in it and take two
 SETTLED = 1e-10  # relative change that ends it
 WILD = 6.0  # standard deviations: the most by which a reading moves the state
+FURTHEST = 1.3862943611198906  # log 4: the furthest that a parameter may go from its first value
 Z95 = 1.959964
 DEVIATION, SPEED, DISTURBANCE, THETA = 0, 1, 2, 3  # places in X, theta from the last on
 EXCESS, INERTIA, POSITION, VELOCITY, ACCELERATION, SLOPES = 0, 1, 2, 3, 4, 5  # columns of ``past``; dT/dtheta at the end
@@ -41,12 +42,13 @@ class Plan(NamedTuple):
         newton, outputs, strengths: the mechanism's compiled kernels, see :class:`..numerics.codegen.Kernels`;
             ``strengths`` of the parameters that adapt.
         p: parameters, SI units, shape (n_p,).
+        known: those with which the controller computes the torque of the motion without friction, shape (n_p,).
         places: index in p of every parameter that adapts, shape (k,).
         clocks: index in u of the clocks, and 1 for a time, 0 for the number of the trial, shape (n_clocks, 2).
         sizes: n_s, n_w, n_u, index in u of the torque.
         h: cycle, s.
         lag: from a command to its effect, in cycles, the hold not counted.
-        noise: variance of a reading of the position.
+        noise: variance of a reading of the position, what the equation of motion leaves out of it included.
         walk: spectral density of the disturbance's rate, force^2/s.
         walks: the same of the logarithms theta, 1/s, shape (k,).
         spread: standard deviations of d and theta at the start, shape (1 + k,).
@@ -60,6 +62,7 @@ class Plan(NamedTuple):
     outputs: Any
     strengths: Any
     p: np.ndarray
+    known: np.ndarray
     places: np.ndarray
     clocks: np.ndarray
     sizes: tuple[int, int, int, int]
@@ -107,6 +110,15 @@ def inputs(plan, torque, t):
     for i in range(plan.clocks.shape[0]):
         u[plan.clocks[i, 0]] = t if plan.clocks[i, 1] else 1.0
     return u
+
+
+@njit(**OPTIONS)
+def inertia(newton, p, sizes):
+    """m = dT/da at rest at 0."""
+    n_s, n_w = sizes[0], sizes[1]
+    out = np.zeros(n_w + n_w * (n_s + n_w) + 1)
+    newton(np.zeros(n_s), np.zeros(n_w), np.zeros(sizes[2]), p, out)
+    return out[n_w + n_w * n_s]
 
 
 @njit(**OPTIONS)
@@ -228,6 +240,9 @@ def correct(plan, memory, reading, share):
     row = P[0].copy()
     for i in range(n):
         X[i] += gain[i] * error
+    X[DISTURBANCE] = min(max(X[DISTURBANCE], -plan.limit), plan.limit)
+    for i in range(THETA, n):
+        X[i] = min(max(X[i], -FURTHEST), FURTHEST)
     for i in range(n):  # Joseph's form, which holds for any gain
         for j in range(i + 1):
             P[i, j] += gain[i] * gain[j] * variance - gain[i] * row[j] - row[i] * gain[j]
@@ -288,16 +303,16 @@ def cycle(plan, memory, reference, reading, torque, result):
     held[TORQUE], past[0, INERTIA] = out[0], out[n_w + n_w * n_s]
     if k:
         sensitivities(plan, memory, u, out, matrix, pivots, past[0, SLOPES:])
-        plan.newton(s, w, u, plan.p, out)  # what the controller knows of the motion, with the first parameters
-    plan.outputs(s, w, u, plan.p, seen)
-    friction = held[TORQUE] - (out[0] - seen[2])
+    plan.newton(s, w, u, plan.known, out)
+    plan.outputs(s, w, u, plan.known, seen)
+    added = held[TORQUE] - (out[0] - seen[2])  # friction, and what the controller's own model lacks
     variance = memory.P[DISTURBANCE, DISTURBANCE]
     for i in range(k):
         held[TORQUE] -= past[0, SLOPES + i] * np.log(p[plan.places[i]] / plan.p[plan.places[i]])
         variance += 2.0 * past[0, SLOPES + i] * memory.P[DISTURBANCE, THETA + i]
         for j in range(k):
             variance += past[0, SLOPES + i] * past[0, SLOPES + j] * memory.P[THETA + i, THETA + j]
-    found = plan.gain * (friction + held[FEEDBACK])
+    found = plan.gain * (added + held[FEEDBACK])
     result[0] = min(max(found, -plan.limit), plan.limit)
     reach = Z95 * np.sqrt(max(variance, 0.0))
     result[1], result[2] = result[0] - reach, result[0] + reach
