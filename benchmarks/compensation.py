@@ -1,15 +1,15 @@
 """Friction compensation in a closed loop whose plant is not the compensator's model: tracking, stability, time.
 
-    python benchmarks/compensation.py                 # tunes on seeds below 1000, runs, reports: about 20 minutes on a core
+    python benchmarks/compensation.py                 # tunes, runs, reports: 20 minutes on a core
     python benchmarks/compensation.py --seeds 2       # a quick look, not written
     python benchmarks/compensation.py --margins       # over-compensation, 100 random axes
     python benchmarks/compensation.py --latency       # one cycle in C and in Python
     python benchmarks/compensation.py --diagnosed     # the missing effect diagnosed and added before compensating
 
-Writes benchmarks/results/compensation*.json, .txt and compensation.html. What is adjustable in an arm (the bandwidth of
-what observes, the transition of a regularised sign) is chosen for every kind of axis on seeds 0 to 3, by the lowest mean
-log rms error; results are of seeds from 1000 on. One PID for an axis, from its nominal inertia and delay by the rule of
-frictionpinn.control.tuned (maximum sensitivity 1.4), without compensation.
+Writes benchmarks/results/compensation*.json, .txt and compensation.html. What is adjustable in an arm (the bandwidth
+of what observes, the transition of a regularised sign) is chosen for every kind of axis on seeds 0 to 3, by the lowest
+mean log rms error; results are of seeds from 1000 on. One PID for an axis, from its nominal inertia and delay by
+the rule of frictionpinn.control.tuned (maximum sensitivity 1.4), without compensation.
 """
 
 from __future__ import annotations
@@ -78,7 +78,9 @@ def compensator(arm: str, it: Draw, gain: float = 1.0, **options: object) -> Com
     if arm == "oracle":
         delay = loop | {"delay": it.plant.delay}
         return Compensator(it.plant.mechanism, it.plant.parameters, known=it.believed, gain=gain, **delay)
-    return build_compensator(config(arm, **({} if arm == "none" else {"gain": gain}), **options), it.model, it.believed, **loop)
+    return build_compensator(
+        config(arm, **({} if arm == "none" else {"gain": gain}), **options), it.model, it.believed, **loop
+    )
 
 
 def closed(name: str, motion: str, seed: int, make: Callable[[Draw], Compensator | None]) -> list[tuple[Loop, Draw]]:
@@ -122,28 +124,26 @@ def limit_cycle(position: np.ndarray, resolution: float) -> bool:
     return bool(crossings >= 3 and np.ptp(position) > 5 * resolution and np.ptp(later) > 0.5 * np.ptp(position))
 
 
+def made(chosen: dict, name: str, arm: str, **more: float) -> Callable[[Draw], Compensator | None]:
+    """Maker of an arm with what was chosen for a kind of axis."""
+    own = {CHOICES[arm][0]: chosen[name][arm]} if arm in CHOICES else {}
+    return lambda it: compensator(arm, it, **{**own, **more})
+
+
 def tune() -> dict[str, dict[str, float]]:
     """What is adjustable in an arm, for every kind of axis, chosen on the tuning seeds."""
     chosen: dict[str, dict[str, float]] = {}
     for name in KINDS:
         chosen[name] = {}
-        for arm, (option, values) in CHOICES.items():
+        for arm, (_, values) in CHOICES.items():
             scores = {}
             for value in values:
-                logs = [
-                    np.log(figures(closed(name, motion, seed, lambda it, o=option, v=value, a=arm: compensator(a, it, **{o: v})))["rms"])
-                    for seed in TUNING
-                    for motion in REFERENCES
-                ]  # fmt: skip
-                scores[value] = float(np.mean(logs))
+                make = made({name: {arm: value}}, name, arm)
+                found = [figures(closed(name, motion, seed, make))["rms"] for seed in TUNING for motion in REFERENCES]
+                scores[value] = float(np.exp(np.mean(np.log(found))))
             chosen[name][arm] = min(scores, key=scores.__getitem__)
-            print(name, arm, option, {k: round(float(np.exp(v)), 7) for k, v in scores.items()}, flush=True)
+            print(name, arm, scores, flush=True)
     return chosen
-
-
-def options(chosen: dict, name: str, arm: str) -> dict[str, float]:
-    """The chosen option of an arm on a kind of axis."""
-    return {CHOICES[arm][0]: chosen[name][arm]} if arm in CHOICES else {}
 
 
 def measure(chosen: dict, seeds: range) -> dict:
@@ -153,11 +153,8 @@ def measure(chosen: dict, seeds: range) -> dict:
         for motion in REFERENCES:
             begun = time.time()
             for arm in ARMS:
-                rows = [
-                    figures(closed(name, motion, seed, lambda it, a=arm, n=name: compensator(a, it, **options(chosen, n, a))))
-                    for seed in seeds
-                ]  # fmt: skip
-                columns = {key: [row[key] for row in rows] for key in rows[0]}
+                rows = [figures(closed(name, motion, seed, made(chosen, name, arm))) for seed in seeds]
+                columns = {key: [float(f"{row[key]:.5g}") for row in rows] for key in rows[0]}
                 table.setdefault(name, {}).setdefault(motion, {})[arm] = columns
             told = {arm: float(np.median(table[name][motion][arm]["rms"])) for arm in ARMS}
             print(f"{name} {motion}: {told} {time.time() - begun:.0f} s", flush=True)

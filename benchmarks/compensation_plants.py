@@ -1,8 +1,8 @@
-"""Axes of benchmarks/compensation.py: in the simulator of the project and in MuJoCo, none of them the compensator's model.
+"""Axes of benchmarks/compensation.py, in our simulator and in MuJoCo, none of them the compensator's model.
 
-Each has LuGre friction with an effect that nobody declared, a load that the controller does not know of, an encoder with
-steps, a delay of 1 to 2 ms and a torque limit. What controller and compensators believe is off by 20 %, every parameter
-up or down by a coin.
+Each has LuGre friction with an effect that nobody declared, a load that the controller does not know of, an encoder
+with steps, a delay of 1 to 2 ms and a torque limit. What controller and compensators believe is off by 20 %, every
+parameter up or down by a coin.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ KINDS = {
     "drive": Kind(
         "linear drive, friction higher one way",
         "drive",
-        {"M": 1.0, "preload": 1.0, "sigma_0": 1e5, "sigma_1": 300.0, "sigma_2": 2.0, "mu_c": 3.0, "mu_s": 4.5, "v_s": 2e-3},
+        {"M": 1.0, "preload": 1.0, "sigma_0": 1e5, "sigma_1": 300.0, "sigma_2": 2.0, "mu_c": 3.0, "mu_s": 4.5,
+         "v_s": 2e-3},
         "asymmetry",
         {"asymmetry": 0.12},
         ("M", "preload"),
@@ -152,7 +153,7 @@ _ARM = """<mujoco model="arm behind an elastic gear">
 
 
 def elastic_arm(plant: Plant, part: float) -> tuple[Foreign, float, object]:
-    """The joint in MuJoCo: half of its inertia in the motor, half in a link that gravity pulls, a spring between them."""
+    """The joint in MuJoCo: half of its inertia in the motor, half in a link that gravity pulls, a spring between."""
     p, steps = plant.parameters, round(part / TIMESTEP)
     motor = link = p["J"] / 2
     lever = 0.1

@@ -16,15 +16,15 @@ NOTHING = "none"
 
 
 def build_compensator(
-    config: Mapping[str, Any], mechanism: Mechanism, parameters: Mapping[str, float], **loop: float
+    config: Mapping[str, Any], mechanism: Mechanism, parameters: Mapping[str, float], **loop: Any
 ) -> Compensator | None:
     """The compensator that a file of conf/control describes, or None where it is to add nothing.
 
     Args:
         config: name; friction (a law in the place of the identified one, ``none`` for no law, null for the identified
             one with its effects); transition (v_t of a law that has one, as a share of v_s); adapt and spread by
-            parameter, those that the axis lacks or that are 0 left out; disturbance and limit in units of the dry friction (per root
-            of a second); bandwidth in Hz; gain.
+            parameter, those that the axis lacks or that are 0 left out; disturbance and limit in units of the dry
+            friction (per root of a second); bandwidth in Hz; gain.
         mechanism, parameters: as identified, SI units.
         loop: interval, delay and resolution, see :class:`Compensator`.
 

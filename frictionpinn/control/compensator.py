@@ -30,10 +30,10 @@ class Compensator:
     """Torque that cancels the friction of an axis, once in every cycle of its controller.
 
     The torque is F(q_r, v_r, z_r; p) + d, limited. F is the mechanism's friction, effects included, along the reference
-    (q_r, v_r), with a bristle z_r that is carried along it. With ``adapt`` or ``disturbance`` a Kalman filter on the equation of motion (see
-    :mod:`.recursions`) reads the encoder, follows the parameters named in ``adapt``
-    and estimates the disturbance d, all else that acts like a friction. Without either, it is a feed-forward; without a
-    law (mu_c = 0), a disturbance observer.
+    (q_r, v_r), with a bristle z_r that is carried along it. With ``adapt`` or ``disturbance`` a Kalman filter on the
+    equation of motion (see :mod:`.recursions`) reads the encoder, follows the parameters named in ``adapt`` and
+    estimates the disturbance d, all else that acts like a friction. Without either, it is a feed-forward; without a law
+    (mu_c = 0), a disturbance observer.
 
     It cannot pump energy into an axis that is to rest: all that feeds back moves to its newest value at the rate
     w = v_r^2 / (v_r^2 + still^2), so at v_r = 0 the torque is a constant, and the work of a constant torque over any
@@ -84,8 +84,12 @@ class Compensator:
     ):
         check_axis(mechanism)
         check_sensors(mechanism)
-        for name, value in {"interval": interval, "resolution": resolution, "limit": limit,
-                            "bandwidth": bandwidth}.items():
+        for name, value in {
+            "interval": interval,
+            "resolution": resolution,
+            "limit": limit,
+            "bandwidth": bandwidth,
+        }.items():
             _above(name, value, 0.0)
         for name, value in {"delay": delay, "disturbance": disturbance}.items():
             _least(name, value)
@@ -111,9 +115,10 @@ class Compensator:
             float(gain),
         )  # fmt: skip
         _above("still", self.plan.still, 0.0)
+        past = np.zeros((int(self.plan.lag) + 3, SLOPES + self._k))
         self.memory = Memory(
-            np.zeros(size), np.zeros((size, size)), np.zeros(n_s), np.zeros(n_w),
-            np.zeros((n_s, self._k)), p.copy(), np.zeros((int(self.plan.lag) + 3, SLOPES + self._k)), np.zeros(3), np.zeros(1, dtype=np.int64),
+            np.zeros(size), np.zeros((size, size)), np.zeros(n_s), np.zeros(n_w), np.zeros((n_s, self._k)), p.copy(),
+            past, np.zeros(3), np.zeros(1, dtype=np.int64),
         )  # fmt: skip
         self._result = np.zeros(3)
 
@@ -122,7 +127,7 @@ class Compensator:
         return f"Compensator({self.mechanism.name}; adapts {told or 'nothing'})"
 
     def _noise(self, p: np.ndarray, h: float, resolution: float, disturbance: float, w: float) -> float:
-        """Variance of a reading at which a Kalman filter of d has the bandwidth w; without d, that of the encoder's step.
+        """Variance of a reading at which a Kalman filter of d has the bandwidth w; without d, of the encoder's step.
 
         Of a triple integrator under noise of density q, read with density r, that is (q / r)^(1/6).
         """

@@ -16,7 +16,7 @@ from ..numerics.tableau import METHOD
 from ..physics.mechanism import Mechanism
 from .compensator import Command, Compensator, check_axis
 from .pid import Gains, pid
-from .recursions import Plan, cycle, inputs, remember
+from .recursions import cycle, inputs, remember
 
 PARTS = 2  # a delay is a whole number of such parts of a cycle
 RTOL, ATOL, TOLERANCE = 1e-4, 1e-6, 1e-2
@@ -225,8 +225,8 @@ def close(
     Args:
         reference: times (n,) -> position, velocity, acceleration (n, 3).
         duration: s.
-        compensator: what is added to the controller, a :class:`Compensator` (compiled) or any object with ``update`` and
-            ``reset`` like its; None: nothing.
+        compensator: what is added to the controller, a :class:`Compensator` (compiled) or any object with ``update``
+            and ``reset`` like its; None: nothing.
         model: axis and parameters from which the controller computes the torque of the motion without friction.
         interval: cycle, s.
         delay: that controller and compensator believe in, s.

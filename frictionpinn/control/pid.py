@@ -104,7 +104,7 @@ class Controller:
         self.gains, self.interval, self._memory = gains, float(interval), np.zeros(4)
 
     def update(self, reference: np.ndarray, position: float, added: float = 0.0) -> float:
-        """Torque of one cycle, limited, with ``added`` in it; reference: position, velocity, acceleration, shape (3,)."""
+        """Torque of one cycle, limited, ``added`` in it; reference: position, velocity, acceleration, shape (3,)."""
         wanted = np.asarray(reference, dtype=float)
         return float(pid(self.gains, self._memory, wanted, float(position), float(added), self.interval))
 

@@ -1,7 +1,7 @@
 """The compensator's cycle, compiled: friction along the reference, and a filter of what the machine shows beside it.
 
-Along the reference (q_r, v_r, a_r) the mechanism's equations give the torque that the motion takes, T(p) = R_0 at u = 0,
-friction and all; the bristle is carried along it by the implicit Euler method, so that its stiffness does not matter.
+Along the reference (q_r, v_r, a_r) the mechanism's equations give the torque that the motion takes, T(p) = R_0 at
+u = 0, friction and all; the bristle is carried along it by the implicit Euler method, whatever its stiffness.
 The machine deviates from the reference by (e, v_e), and
 
     m v_e' = (u - T(p)) - d,    e' = v_e,    d' = noise,    theta' = noise,    p = p_0 exp(theta),
@@ -12,8 +12,8 @@ contact, whose sign of the velocity a noisy encoder cannot tell at a reversal; w
 reference tells without noise. A cycle has a fixed cost and allocates nothing that outlives it.
 
 Source: Kalman filter, Anderson and Moore, Optimal Filtering (1979), 3.1; disturbance as a state: Johnson, IEEE Trans.
-Automatic Control 16 (1971); parameters that adapt along the reference: Slotine and Li, Applied Nonlinear Control (1991),
-8.7; bristle along the reference: Olsson and others, European Journal of Control 4 (1998).
+Automatic Control 16 (1971); parameters that adapt along the reference: Slotine and Li, Applied Nonlinear Control
+(1991), 8.7; bristle along the reference: Olsson and others, European Journal of Control 4 (1998).
 """
 
 from __future__ import annotations
@@ -31,7 +31,14 @@ WILD = 6.0  # standard deviations: the most by which a reading moves the state
 FURTHEST = 1.3862943611198906  # log 4: the furthest that a parameter may go from its first value
 Z95 = 1.959964
 DEVIATION, SPEED, DISTURBANCE, THETA = 0, 1, 2, 3  # places in X, theta from the last on
-EXCESS, INERTIA, POSITION, VELOCITY, ACCELERATION, SLOPES = 0, 1, 2, 3, 4, 5  # columns of ``past``; dT/dtheta at the end
+EXCESS, INERTIA, POSITION, VELOCITY, ACCELERATION, SLOPES = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+)  # columns of ``past``; dT/dtheta at the end
 TIME, FEEDBACK, TORQUE = 0, 1, 2  # places in ``held``
 
 

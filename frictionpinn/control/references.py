@@ -53,7 +53,7 @@ def multisine(amplitude: float, period: float) -> Reference:
 
 
 def point_to_point(amplitude: float, period: float) -> Reference:
-    """Minimum-jerk moves of 2 amplitude there and back in a quarter of the period each, with rests of the same length."""
+    """Minimum-jerk moves of 2 amplitude there and back in a quarter of the period each, with rests as long."""
 
     def at(t: np.ndarray) -> np.ndarray:
         phase = np.mod(np.asarray(t, dtype=float), period) / (period / 4)
