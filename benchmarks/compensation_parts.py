@@ -1,0 +1,164 @@
+"""Further parts of benchmarks/compensation.py: stability, time of a cycle, and the whole chain with a diagnosis."""
+
+from __future__ import annotations
+
+import gc
+import json
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from compensation import (
+    ARMS,
+    FIRST,
+    INTERVAL,
+    RESULTS,
+    closed,
+    compensator,
+    figures,
+    made,
+)
+from compensation_plants import KINDS, LOAD, draw
+
+from frictionpinn.control import reference
+from frictionpinn.export.compensator import write_compensator_c
+
+GAINS = (1.0, 1.1, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)
+RANDOM, EACH = 2000, 25  # first seed of the random axes, axes of each kind
+BACKWARDS = 0.02  # share of the samples away from a turn in which an axis may move against its reference
+
+
+def unstable(found: list) -> bool:
+    """Whether an axis goes to and fro: at rest after the motion, or against its reference within it."""
+    for loop, _ in found:
+        v = loop.reference[:, 1]
+        fast = np.abs(v) > 0.2 * np.abs(v).max()
+        if np.mean((loop.velocity * v < 0)[fast]) > BACKWARDS:
+            return True
+    return bool(figures(found)["cycles"])
+
+
+def margins(chosen: dict) -> None:
+    """Largest over-compensation that a loop bears, and random axes under load at the default settings."""
+    lines = [
+        "python benchmarks/compensation.py --margins",
+        "limit cycle: to and fro by more than five steps of the encoder while the reference rests, or against the",
+        f"reference in more than {100 * BACKWARDS:g} % of the samples away from its turns",
+        "",
+        f"largest gain of the added torque, of {', '.join(f'{g:g}' for g in GAINS)}, before a limit cycle on slow",
+        f"triangle or point to point; smallest of seeds {FIRST} to {FIRST + 3}, half of them with 50 % more load",
+        f"  {'':<34}" + "".join(f"{name:>10}" for name in KINDS),
+    ]
+    for arm in [name for name in ARMS if name != "none"]:
+        cells = [f"{_margin(chosen, name, arm):>10}" for name in KINDS]
+        lines.append(f"  {ARMS[arm]:<34}" + "".join(cells))
+    lines += ["", f"{EACH * len(KINDS)} random axes ({EACH} of each kind, seeds from {RANDOM}), parameters 20 % wrong, "
+              f"load +{100 * (LOAD - 1):g} %: axes with a limit cycle"]  # fmt: skip
+    cases = {"no compensation": ("none", {}), "our estimator, conf/control/estimator.yaml": ("estimator", {}),
+             "our estimator, bandwidth as tuned": ("estimator", None),
+             "disturbance observer, bandwidth as tuned": ("disturbance_observer", None)}  # fmt: skip
+    for title, (arm, own) in cases.items():
+        counts = {}
+        for name in KINDS:
+            seeds = range(RANDOM + 1, RANDOM + 1 + 2 * EACH, 2)  # odd seeds carry the load
+            make = made(chosen, name, arm) if own is None else lambda it, a=arm: compensator(a, it)
+            counts[name] = sum(
+                any(unstable(closed(name, motion, seed, make)) for motion in ("slow triangle", "point to point"))
+                for seed in seeds
+            )
+        told = ", ".join(f"{name} {count}" for name, count in counts.items())
+        lines.append(f"  {title:<46} {sum(counts.values()):>3} of {EACH * len(KINDS)} ({told})")
+        print(lines[-1], flush=True)
+    _save("stability", lines)
+
+
+def _margin(chosen: dict, name: str, arm: str) -> str:
+    best = 0.0
+    for gain in GAINS:
+        make = made(chosen, name, arm, gain=gain)
+        runs = [(motion, seed) for motion in ("slow triangle", "point to point") for seed in range(FIRST, FIRST + 4)]
+        if any(unstable(closed(name, motion, seed, make)) for motion, seed in runs):
+            break
+        best = gain
+    print(name, arm, best, flush=True)
+    return f"{best:g}" if 0 < best < GAINS[-1] else (f"over {best:g}" if best else "below 1")
+
+
+_CLOCKED = """#define _POSIX_C_SOURCE 199309L
+#include <stdio.h>
+#include <time.h>
+#include "compensator.h"
+static compensator c;
+int main(void)
+{
+    double r[3], q, u, sum = 0.0;
+    compensator_reset(&c);
+    while (scanf("%lf %lf %lf %lf %lf", &r[0], &r[1], &r[2], &q, &u) == 5) {
+        struct timespec a, b;
+        clock_gettime(CLOCK_MONOTONIC, &a);
+        sum += compensator_update(&c, r, q, u).torque;
+        clock_gettime(CLOCK_MONOTONIC, &b);
+        printf("%ld\\n", (b.tv_sec - a.tv_sec) * 1000000000L + b.tv_nsec - a.tv_nsec);
+    }
+    return sum > 1e300;
+}
+"""
+
+
+def latency(chosen: dict) -> None:
+    """Time of one cycle on one core: the exported C, and Python."""
+    lines = ["python benchmarks/compensation.py --latency", "one cycle of 50000 on one core, microseconds", ""]
+    for name, arm in (("drive", "estimator"), ("joint", "estimator"), ("drive", "feedforward"),
+                      ("drive", "disturbance_observer")):  # fmt: skip
+        it = draw(name, FIRST)
+        own = made(chosen, name, arm)(it)
+        assert own is not None
+        t = np.arange(50_000) * INTERVAL
+        wanted = reference("sine", KINDS[name].amplitude, 2.0)(t)
+        rng = np.random.default_rng(0)
+        rows = np.column_stack(
+            [wanted, wanted[:, 0] + it.plant.resolution * rng.normal(size=len(t)), rng.normal(size=len(t))]
+        )
+        spent = {"C99 (cc -O2)": _in_c(own, rows), "Python": _in_python(own, rows)}
+        for kind, times in spent.items():
+            lines.append(f"  {name + ', ' + ARMS[arm]:<34} {kind:<14} median {np.median(times):8.2f}  "
+                         f"99 % {np.quantile(times, 0.99):8.2f}  worst {times.max():8.2f}")  # fmt: skip
+    _save("latency", lines)
+
+
+def _in_c(own, rows: np.ndarray) -> np.ndarray:
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        write_compensator_c(folder, own)
+        (folder / "main.c").write_text(_CLOCKED, encoding="ascii")
+        program = folder / "main"
+        files = [folder / "main.c", folder / "compensator.c"]
+        subprocess.run(["cc", "-std=c99", "-O2", "-o", program, *files, "-lm"], check=True)
+        text = "\n".join(" ".join(map(repr, row)) for row in rows.tolist())
+        said = subprocess.run([program], input=text, capture_output=True, text=True, check=True).stdout
+    return np.array(said.split(), dtype=float)[1:] / 1e3
+
+
+def _in_python(own, rows: np.ndarray) -> np.ndarray:
+    spent = np.zeros(len(rows))
+    own.reset()
+    own.update(rows[0, :3], rows[0, 3], rows[0, 4])
+    own.reset()
+    gc.disable()
+    for k, row in enumerate(rows):
+        begun = time.perf_counter()
+        own.update(row[:3], row[3], row[4])
+        spent[k] = time.perf_counter() - begun
+    gc.enable()
+    return 1e6 * spent[1:]
+
+
+def _save(name: str, lines: list[str]) -> None:
+    text = "\n".join(lines) + "\n"
+    (RESULTS / f"compensation_{name}.txt").write_text(text, encoding="utf-8")
+    print(text)
+
+
+__all__ = ["diagnosed", "json", "latency", "margins"]
