@@ -83,12 +83,14 @@ def compensator(arm: str, it: Draw, gain: float = 1.0, **options: object) -> Com
     )
 
 
-def closed(name: str, motion: str, seed: int, make: Callable[[Draw], Compensator | None]) -> list[tuple[Loop, Draw]]:
-    """The loops of every axis of a reference, which ends at rest."""
+def closed(
+    name: str, motion: str, seed: int, make: Callable[[Draw], Compensator | None], given: Draw | None = None
+) -> list[tuple[Loop, Draw]]:
+    """The loops of every axis of a reference, which ends at rest; ``given`` in the place of the seed's axis."""
     shape, period, phases = REFERENCES[motion]
     found = []
     for axis, phase in enumerate(phases):
-        it = draw(name, seed + 500_000 * axis)
+        it = given or draw(name, seed + 500_000 * axis)
         path = reference(shape, KINDS[name].amplitude, period, **({"phase": phase} if shape == "sine" else {}))
         path, duration = halted(path, MOVES), MOVES + HOLDS
         loop = close(it.plant, controller(name), path, duration, make(it), (it.model, it.believed), INTERVAL, DELAY)

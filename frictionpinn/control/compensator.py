@@ -174,6 +174,11 @@ def actuator(mechanism: Mechanism) -> str:
     return next(item.name for item in mechanism.system.inputs if item.symbol in mechanism.system.acting)
 
 
+def completed(mechanism: Mechanism, values: Mapping[str, float]) -> dict[str, float]:
+    """The values, and 1 for every parameter of the law without one: where its friction is subtracted again."""
+    return {par.name: 1.0 for par in mechanism.law.parameters if par.value is None} | dict(values)
+
+
 def check_axis(mechanism: Mechanism) -> None:
     """Raise :class:`UserError` for a mechanism that is not one free coordinate with a force or torque on it."""
     system = mechanism.system

@@ -14,7 +14,7 @@ from ..numerics.codegen import Kernels, pointer
 from ..numerics.integrator import OK, OPTIONS, integrate
 from ..numerics.tableau import METHOD
 from ..physics.mechanism import Mechanism
-from .compensator import Command, Compensator, check_axis
+from .compensator import Command, Compensator, check_axis, completed
 from .pid import Gains, pid
 from .recursions import cycle, inputs, remember
 
@@ -227,7 +227,8 @@ def close(
         duration: s.
         compensator: what is added to the controller, a :class:`Compensator` (compiled) or any object with ``update``
             and ``reset`` like its; None: nothing.
-        model: axis and parameters from which the controller computes the torque of the motion without friction.
+        model: axis and parameters from which the controller computes the torque of the motion without friction, for
+            which those of the law are not needed.
         interval: cycle, s.
         delay: that controller and compensator believe in, s.
 
@@ -245,7 +246,7 @@ def close(
     n = round(duration / interval)
     t = np.arange(n) * interval
     now, ahead = reference(t), reference(t + delay + interval / 2)
-    base = _inverse(Compensator(*model).plan, ahead) if model else np.zeros(n)
+    base = _inverse(Compensator(model[0], completed(*model)).plan, ahead) if model else np.zeros(n)
     foreign, step, kept = plant.foreign(plant, part) if plant.foreign else (_NOWHERE, part, None)
     own = Compensator(plant.mechanism, plant.parameters, interval=step).plan
     atol = np.full(n_s, ATOL * part)

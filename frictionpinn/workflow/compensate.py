@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ..control import Compensator, Gains, Loop, Plant, close, reference, tuned
 from ..control.build import build_compensator
-from ..control.compensator import check_axis
+from ..control.compensator import check_axis, completed
 from ..control.page import page, picture
 from ..control.record import recorded
 from ..control.recursions import inertia
@@ -58,7 +58,7 @@ def compensate(cfg: Config, folder: Path) -> dict[str, Any]:
         for name, item in trials.items()
     }
     recording = recorded(alone, declared, loop["delay"], cfg["record"]["rate_hz"])
-    mechanism, values, verdict = _identified(cfg, declared, recording, folder)
+    mechanism, values, verdict = identified(declared, recording, folder, **cfg["diagnose"])
     helper = build_compensator(cfg["control"], mechanism, values, **own, resolution=cfg["machine"]["resolution"])
     files: list[str] = []
     folder.mkdir(parents=True, exist_ok=True)
@@ -105,35 +105,42 @@ def _plant(cfg: Config, declared: Mechanism) -> Plant:
 
 def _gains(plant: Plant, declared: Mechanism, loop: Mapping[str, float]) -> Gains:
     """The PID, from the declared inertia and the delay alone."""
-    zero = {par.name: 0.0 if par.value is None else par.value for par in declared.law.parameters}
-    probe = Compensator(declared, zero | {name: 1.0 for name, value in zero.items() if value == 0.0})
+    probe = Compensator(declared, completed(declared, {}))
     m = inertia(probe.plan.newton, probe.plan.p, probe.plan.sizes)
     dead_time = loop["delay"] + loop["interval"] / 2 + 1e-3
     return tuned(m, dead_time, loop["sensitivity"], limit=plant.limit, dead=2 * plant.resolution)
 
 
-def _identified(
-    cfg: Config, declared: Mechanism, recording: Recording, folder: Path
+def identified(
+    declared: Mechanism, recording: Recording, folder: Path, *, effects: Sequence[str] | str, **options: Any
 ) -> tuple[Mechanism, dict[str, float], str]:
-    """Mechanism with the effects that were found, its parameters, and the verdict."""
-    from ..api.estimates import diagnose, fit
+    """What a recording tells of an axis: mechanism with the effects that were found, its parameters, the verdict.
 
-    options = cfg["diagnose"]
-    if not options["effects"]:
-        found = fit(declared, recording, check="warn", windows=options["windows"])
-        log.info(str(found))
-        known = {name: float(value) for name, value in declared.system.values.items() if value is not None}
-        return declared, known | dict(found.values), "not diagnosed"
+    The motion is taken as measured and the torque predicted: in a closed loop both are, and no error adds up.
+
+    Args:
+        declared: the axis as declared.
+        recording: see :func:`..control.record.recorded`.
+        folder: where ``augmented.yaml`` is written.
+        effects: to try; none: the declared law is fitted alone; "all": every one.
+        options: of :func:`frictionpinn.diagnose` (free, most, start, ...).
+    """
+    from ..api.estimates import diagnose, fit
     from ..diagnose.augmented import load_augmented, save_augmented
 
-    diagnosis = diagnose(
-        declared, recording, check="warn", effects=options["effects"], windows=options["windows"], most=options["most"]
-    )
+    system, law = declared.system, declared.law
+    values: dict[str, Any] = dict(system.values)
+    imposed = Mechanism(type(system)(equations=system.equations, imposed=True, **values), law, declared.effects)
+    if not effects:
+        found = fit(imposed, recording, check="warn", free=options.get("free"), start=options.get("start"))
+        log.info(str(found))
+        return declared, values | dict(found.values), "not diagnosed"
+    diagnosis = diagnose(imposed, recording, check="warn", effects=effects, **options)
     log.info(str(diagnosis))
     folder.mkdir(parents=True, exist_ok=True)
     save_augmented(folder / "augmented.yaml", diagnosis)
-    mechanism, values = load_augmented(folder / "augmented.yaml")
-    return mechanism, values, diagnosis.verdict
+    augmented, known = load_augmented(folder / "augmented.yaml")
+    return Mechanism(system, law, augmented.effects), known, diagnosis.verdict
 
 
 def _late(loop: Loop) -> np.ndarray:
@@ -149,7 +156,7 @@ def _told(value: float, unit: str) -> str:
 
 
 def _lower(row: Mapping[str, float]) -> str:
-    return f"{100 * (1 - row['after'] / row['before']):.0f} % lower"
+    return f"{100 * (1 - row['after'] / row['before']):.1f} % lower"
 
 
 def _page(result: Mapping[str, Any], runs: list[tuple[str, Loop, Loop]], plant: Plant) -> str:
