@@ -166,9 +166,9 @@ def diagnosed(chosen: dict) -> None:
     """The missing effect, diagnosed on recordings with the PID alone and added before compensating."""
     lines = [
         "python benchmarks/compensation.py --diagnosed",
-        "identified from 12 s with the PID alone (encoder and torque at 100 Hz), believed parameters 20 % wrong as starts;",
-        f"effects tried: {', '.join(EFFECTS)}; rms error on references that were not recorded, LuGre alone and with what",
-        "the diagnosis added, medians over references",
+        "identified from 12 s with the PID alone (encoder and torque at 100 Hz), believed parameters 20 % wrong as",
+        f"starts; effects tried: {', '.join(EFFECTS)}; rms error, LuGre alone and with what the diagnosis added, medians",
+        f"over {', '.join(TRIED)}",
         "",
     ]
     rows = []
