@@ -32,6 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 INTERVAL, DELAY = 1e-3, 1.5e-3  # s; the delay is what controllers believe: it is 1, 1.5 or 2 ms
 MOVES, HOLDS, SKIPPED = 6.0, 1.5, 2.0  # s: of motion, at rest after it, of the motion before errors count
+SETTLES = 0.3  # s at rest before a limit cycle is looked for
 DEAD_TIME = DELAY + INTERVAL / 2 + 1e-3  # delay, hold and the low-pass of the error's rate
 TUNING, FIRST = range(4), 1000  # seeds
 REFERENCES: dict[str, tuple[str, float, tuple[float, ...]]] = {  # shape, period in s, phases of the axes
@@ -84,7 +85,12 @@ def compensator(arm: str, it: Draw, gain: float = 1.0, **options: object) -> Com
 
 
 def closed(
-    name: str, motion: str, seed: int, make: Callable[[Draw], Compensator | None], given: Draw | None = None
+    name: str,
+    motion: str,
+    seed: int,
+    make: Callable[[Draw], Compensator | None],
+    given: Draw | None = None,
+    holds: float = HOLDS,
 ) -> list[tuple[Loop, Draw]]:
     """The loops of every axis of a reference, which ends at rest; ``given`` in the place of the seed's axis."""
     shape, period, phases = REFERENCES[motion]
@@ -92,7 +98,7 @@ def closed(
     for axis, phase in enumerate(phases):
         it = given or draw(name, seed + 500_000 * axis)
         path = reference(shape, KINDS[name].amplitude, period, **({"phase": phase} if shape == "sine" else {}))
-        path, duration = halted(path, MOVES), MOVES + HOLDS
+        path, duration = halted(path, MOVES), MOVES + holds
         loop = close(it.plant, controller(name), path, duration, make(it), (it.model, it.believed), INTERVAL, DELAY)
         found.append((loop, it))
     return found
@@ -113,17 +119,20 @@ def figures(loops: list[tuple[Loop, Draw]]) -> dict[str, float]:
         peaks.append(float(np.abs(loop.error[near & moving]).max(initial=0.0)))
         variation += float(np.abs(np.diff(loop.torque[moving])).sum()) / (MOVES - SKIPPED)
         energy += float(np.maximum(loop.torque * loop.velocity, 0.0)[moving].mean())
-    cycles = any(limit_cycle(loop.position[loop.t >= MOVES + HOLDS / 2], it.plant.resolution) for loop, it in loops)
+    cycles = any(limit_cycle(loop.position[loop.t >= MOVES + SETTLES], it.plant.resolution) for loop, it in loops)
     return {"rms": float(np.sqrt(square[moving].mean())), "peak": max(peaks), "variation": variation, "energy": energy,
             "cycles": float(cycles)}  # fmt: skip
 
 
 def limit_cycle(position: np.ndarray, resolution: float) -> bool:
-    """Whether an axis that is to rest goes to and fro: by more than five steps of the encoder, across its mean."""
-    away = position - position.mean()
-    crossings = int((np.sign(away[1:]) != np.sign(away[:-1])).sum())
-    later = position[len(position) // 2 :]
-    return bool(crossings >= 3 and np.ptp(position) > 5 * resolution and np.ptp(later) > 0.5 * np.ptp(position))
+    """Whether an axis that is to rest goes to and fro: three turns or more, each by more than three encoder steps."""
+    turns, sign, extreme = 0, 0.0, position[0]
+    for x in position:
+        if (x - extreme) * sign > 0 or (sign == 0.0 and abs(x - extreme) > 3 * resolution):
+            sign, extreme = (sign or float(np.sign(x - extreme))), x
+        elif (extreme - x) * sign > 3 * resolution:
+            turns, sign, extreme = turns + 1, -sign, x
+    return turns >= 3
 
 
 def made(chosen: dict, name: str, arm: str, **more: float) -> Callable[[Draw], Compensator | None]:

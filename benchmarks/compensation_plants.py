@@ -42,6 +42,7 @@ class Kind:
     limit: float
     amplitude: float
     simulator: str = "own"
+    resonance: float = np.inf  # Hz, the first
 
 
 KINDS = {
@@ -93,6 +94,7 @@ KINDS = {
         30.0,
         0.2,
         "MuJoCo",
+        ELASTIC,
     ),
 }  # fmt: skip
 

@@ -96,7 +96,7 @@ def gains(table: dict) -> Figure:
     axis.axhline(40, color=INK["none"], lw=0.8, ls="--")
     axis.annotate("60 % lower", (len(arms) - 0.6, 40), (0, 3), textcoords="offset points", fontsize=8, ha="right")
     axis.set(yscale="log", ylabel="rms error, % of that without compensation", xticks=range(len(arms)))
-    axis.set_xticklabels([ARMS[arm] for arm in arms])
+    axis.set_xticklabels([ARMS[arm].replace(" + ", " +\n").replace(" ", "\n", 1) for arm in arms])
     axis.set_title("What compensation leaves of the tracking error: a point for every axis and reference")
     return figure
 
@@ -112,7 +112,9 @@ def traces(name: str, chosen: dict, seed: int = FIRST + 1) -> Figure:
         top.plot(loop.t[part], factor * loop.error[part], color=INK[arm], lw=1.1, label=ARMS[arm])
         if arm == "estimator":
             bottom.plot(loop.t[part], loop.friction[part], color=INK["oracle"], lw=1.4, label="true friction")
-            bottom.plot(loop.t[part], loop.added[part], color=INK[arm], lw=1.0, label="added by our estimator")
+            bottom.plot(
+                loop.t[part], loop.added[part], color=INK[arm], lw=1.0, label="added by our estimator, load included"
+            )
             bottom.fill_between(loop.t[part], loop.low[part], loop.high[part], color=INK[arm], alpha=0.2, lw=0)
     top.set(ylabel=f"tracking error ({told})", title=f"{KINDS[name].title}: reversing sine, load +50 %")
     bottom.set(xlabel="time (s)", ylabel=f"friction ({FORCE[KINDS[name].system]})")
@@ -123,13 +125,10 @@ def traces(name: str, chosen: dict, seed: int = FIRST + 1) -> Figure:
     return figure
 
 
-def circle(name: str, chosen: dict, seed: int = FIRST + 1, magnified: float = 1.0) -> Figure:
+def circle(name: str, chosen: dict, seed: int = FIRST + 1, magnified: float = 3.0) -> Figure:
     """The circle that two axes draw, its deviation magnified."""
     figure = Figure(figsize=(10, 3.8), layout="constrained")
     arms = ("none", "feedforward", "disturbance_observer", "estimator")
-    first = closed(name, "circle", seed, lambda it: None)
-    radius = KINDS[name].amplitude
-    magnified = 0.3 * radius / max(float(np.abs(loop.error[loop.t > SKIPPED]).max()) for loop, _ in first)
     for k, (axis, arm) in enumerate(zip(figure.subplots(1, len(arms)), arms, strict=True)):
         found = closed(name, "circle", seed, made(chosen, name, arm))
         part = (found[0][0].t > SKIPPED) & (found[0][0].t < SKIPPED + 3)

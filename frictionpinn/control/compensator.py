@@ -118,7 +118,7 @@ class Compensator:
         past = np.zeros((int(self.plan.lag) + 3, SLOPES + self._k))
         self.memory = Memory(
             np.zeros(size), np.zeros((size, size)), np.zeros(n_s), np.zeros(n_w), np.zeros((n_s, self._k)), p.copy(),
-            past, np.zeros(3), np.zeros(1, dtype=np.int64),
+            past, np.zeros(4), np.zeros(1, dtype=np.int64),
         )  # fmt: skip
         self._result = np.zeros(3)
 

@@ -9,7 +9,9 @@ The machine deviates from the reference by (e, v_e), and
 where u is the torque that acts, m = dT/da_r, d the disturbance that no law explains and theta the logarithms of the
 parameters that adapt. That is linear but for p, so a Kalman filter that reads the encoder needs no Jacobian of the
 contact, whose sign of the velocity a noisy encoder cannot tell at a reversal; what friction does at a reversal the
-reference tells without noise. A cycle has a fixed cost and allocates nothing that outlives it.
+reference tells without noise. The noise that readings count with sets the bandwidth of d, so that the covariance holds
+but for its scale: that is the mean square of the normalised innovations of the last half second. A cycle has a fixed
+cost and allocates nothing that outlives it.
 
 Source: Kalman filter, Anderson and Moore, Optimal Filtering (1979), 3.1; disturbance as a state: Johnson, IEEE Trans.
 Automatic Control 16 (1971); parameters that adapt along the reference: Slotine and Li, Applied Nonlinear Control
@@ -39,7 +41,8 @@ EXCESS, INERTIA, POSITION, VELOCITY, ACCELERATION, SLOPES = (
     4,
     5,
 )  # columns of ``past``; dT/dtheta at the end
-TIME, FEEDBACK, TORQUE = 0, 1, 2  # places in ``held``
+MEMORY_OF_SCALE = 0.5  # s: over which the squares of the innovations are averaged
+TIME, FEEDBACK, TORQUE, SCALE = 0, 1, 2, 3  # places in ``held``
 
 
 class Plan(NamedTuple):
@@ -94,7 +97,7 @@ class Memory(NamedTuple):
         Z: derivative of s in theta, shape (n_s, k).
         p: parameters in force, which follow the filter's while the reference moves.
         past: the last cycles, newest first: u - T, m, reference, dT/dtheta less its part in theta then.
-        held: time, feedback in force, torque T of the cycle.
+        held: time, feedback in force, torque T of the cycle, scale of the covariance.
         begun: number of cycles so far, shape (1,).
     """
 
@@ -242,6 +245,7 @@ def correct(plan, memory, reading, share):
     error, most = reading - here - X[0], WILD * np.sqrt(variance)
     error = min(max(error, -most), most)
     gain = P[:, 0] / variance
+    memory.held[SCALE] += share * plan.h / MEMORY_OF_SCALE * (error * error / variance - memory.held[SCALE])
     for i in range(DISTURBANCE, n):
         gain[i] *= share
     row = P[0].copy()
@@ -262,7 +266,7 @@ def begin(plan, memory, reference, reading):
     memory.X[:], memory.P[:, :], memory.s[:], memory.w[:], memory.held[:] = 0.0, 0.0, 0.0, 0.0, 0.0
     memory.past[:, :], memory.Z[:, :] = 0.0, 0.0
     memory.past[:, INERTIA], memory.past[:, POSITION] = 1.0, reference[0]
-    memory.p[:] = plan.p
+    memory.p[:], memory.held[SCALE] = plan.p, 1.0
     if np.isfinite(reading):
         memory.X[DEVIATION] = reading - reference[0]
     memory.P[0, 0] = plan.noise
@@ -321,5 +325,5 @@ def cycle(plan, memory, reference, reading, torque, result):
             variance += past[0, SLOPES + i] * past[0, SLOPES + j] * memory.P[THETA + i, THETA + j]
     found = plan.gain * (added + held[FEEDBACK])
     result[0] = min(max(found, -plan.limit), plan.limit)
-    reach = Z95 * np.sqrt(max(variance, 0.0))
+    reach = Z95 * np.sqrt(max(variance * held[SCALE], 0.0))
     result[1], result[2] = result[0] - reach, result[0] + reach

@@ -9,7 +9,7 @@ import sympy as sp
 
 from .. import __version__
 from ..control.compensator import Compensator
-from ..control.recursions import FURTHEST, ITERATIONS, SETTLED, SLOPES, WILD, Z95
+from ..control.recursions import FURTHEST, ITERATIONS, MEMORY_OF_SCALE, SETTLED, SLOPES, WILD, Z95
 from .c_code import fill
 from .functions import c_statements
 
@@ -28,7 +28,7 @@ def write_compensator_c(folder: Path, compensator: Compensator) -> list[str]:
     sizes = {"n_s": n_s, "n_w": n_w, "n_u": n_u, "n_p": len(plan.p), "k": k, "n": len(compensator.memory.X)}
     sizes |= {"past": past, "row": SLOPES + k}
     n = sizes["n"]
-    doubles = n + n * n + n_s * (k + 2) + n_w + len(plan.p) + past * (SLOPES + k) + 4
+    doubles = n + n * n + n_s * (k + 2) + n_w + len(plan.p) + past * (SLOPES + k) + 5
     header = fill(
         "compensator.h", **sizes, title=compensator.mechanism.name, version=__version__, bytes=doubles,
         interval=f"{plan.h:g}", delay=f"{plan.lag * plan.h:g}", force=system.force_unit, slip=system.slip_unit,
@@ -40,7 +40,8 @@ def write_compensator_c(folder: Path, compensator: Compensator) -> list[str]:
         "compensator.c", **sizes, **numbers, **lists, **_functions(compensator), clocks=clocks,
         names=", ".join(f'"{name}"' for name in compensator.names),
         places=", ".join(map(str, plan.places.tolist())) or "0", filters=int(plan.filters), iterations=ITERATIONS,
-        settled=_number(SETTLED), wild=_number(WILD), furthest=_number(FURTHEST), z95=_number(Z95),
+        memory=_number(MEMORY_OF_SCALE), settled=_number(SETTLED), wild=_number(WILD), furthest=_number(FURTHEST),
+        z95=_number(Z95),
     )  # fmt: skip
     for name, text in {"compensator.h": header, "compensator.c": source}.items():
         (folder / name).write_text(text, encoding="ascii")

@@ -119,3 +119,14 @@ def test_a_delay_that_is_no_whole_number_of_half_cycles_is_refused():
 def test_an_unknown_reference_is_refused_with_the_nearest():
     with pytest.raises(UserError, match="did you mean 'triangle'"):
         reference("triangel", 1.0, 1.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_interval_holds_the_friction_and_is_narrow_beside_it(seed):
+    axis, path = plant("asymmetry", asymmetry=0.1), reference("multisine" if seed else "sine", 5e-3, 1.0 + 0.3 * seed)
+    loop = close(axis, gains(), path, 5.0, estimator(), (DRIVE, WRONG), delay=DELAY)
+    late = loop.t > 2.0
+    friction = np.interp(loop.t + DELAY + 5e-4, loop.t, loop.friction)  # when the torque acts
+    held = np.mean((loop.low <= friction)[late] & (friction <= loop.high)[late])
+    assert held > 0.85
+    assert np.median(loop.high[late] - loop.low[late]) < 0.4 * np.median(np.abs(friction[late]))

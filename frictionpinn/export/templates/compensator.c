@@ -214,6 +214,7 @@ static void correct(compensator *c, double reading, double share)
         return;
     reach = $wild * sqrt(variance);
     error = least(most(reading - here - c->x[0], -reach), reach);
+    c->scale += share * h / $memory * (error * error / variance - c->scale);
     for (i = 0; i < N; i++) {
         row[i] = c->covariance[0][i];
         gain[i] = row[i] / variance * (i < DISTURBANCE ? 1.0 : share);
@@ -239,6 +240,7 @@ static void begin(compensator *c, const double *reference, double reading)
     int i;
     memset(c, 0, sizeof *c);
     memcpy(c->p, first, sizeof first);
+    c->scale = 1.0;
     for (i = 0; i < PAST; i++) {
         c->past[i][INERTIA] = 1.0;
         c->past[i][POSITION] = reference[0];
@@ -296,7 +298,8 @@ compensator_command compensator_update(compensator *c, const double reference[3]
             variance += slope[i] * slope[j] * c->covariance[THETA + i][THETA + j];
     }
     command.torque = least(most(gain_of_all * (added + c->feedback), -limit), limit);
-    command.low = command.torque - $z95 * sqrt(most(variance, 0.0));
-    command.high = command.torque + $z95 * sqrt(most(variance, 0.0));
+    variance = $z95 * sqrt(most(variance * c->scale, 0.0));
+    command.low = command.torque - variance;
+    command.high = command.torque + variance;
     return command;
 }
