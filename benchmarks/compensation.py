@@ -119,9 +119,7 @@ def figures(loops: list[tuple[Loop, Draw]]) -> dict[str, float]:
         peaks.append(float(np.abs(loop.error[near & moving]).max(initial=0.0)))
         variation += float(np.abs(np.diff(loop.torque[moving])).sum()) / (MOVES - SKIPPED)
         energy += float(np.maximum(loop.torque * loop.velocity, 0.0)[moving].mean())
-    cycles = any(limit_cycle(loop.position[loop.t >= MOVES + SETTLES], it.plant.resolution) for loop, it in loops)
-    return {"rms": float(np.sqrt(square[moving].mean())), "peak": max(peaks), "variation": variation, "energy": energy,
-            "cycles": float(cycles)}  # fmt: skip
+    return {"rms": float(np.sqrt(square[moving].mean())), "peak": max(peaks), "variation": variation, "energy": energy}
 
 
 def limit_cycle(position: np.ndarray, resolution: float) -> bool:

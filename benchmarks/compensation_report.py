@@ -37,9 +37,6 @@ def verdicts(table: dict) -> list[str]:
              if row["estimator"] > min(row[a] for a in others)]  # fmt: skip
     ratio = {key: row["estimator"] / row["oracle"] for key, row in median.items()}
     within = sum(value <= 1.5 for value in ratio.values())
-    cycles = {
-        arm: np.mean([v for m in table.values() for arms in m.values() for v in arms[arm]["cycles"]]) for arm in ARMS
-    }
     return [
         f"our estimator against no compensation, slow references: rms error {100 * min(slow):.1f} to "
         f"{100 * max(slow):.1f} % lower (median {100 * np.median(slow):.1f} %; wanted: 60 %)",
@@ -47,7 +44,6 @@ def verdicts(table: dict) -> list[str]:
         "(wanted: at most 1)" + (f": {'; '.join(worse)}" if worse else ""),
         f"within 1.5 times the oracle's: {within} of {len(median)} settings; ratio median "
         f"{np.median(list(ratio.values())):.2f}, from {min(ratio.values()):.2f} to {max(ratio.values()):.2f}",
-        "runs that end in a limit cycle at rest: " + ", ".join(f"{ARMS[a]} {100 * v:.1f} %" for a, v in cycles.items()),
     ]
 
 

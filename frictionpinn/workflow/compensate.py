@@ -96,9 +96,10 @@ def _plant(cfg: Config, declared: Mechanism) -> Plant:
     machine, simulate = cfg["machine"], cfg["system"]["simulate"]
     if simulate["friction"] not in LAWS:
         raise UserError("unknown law of the machine", where="system.simulate.friction", received=simulate["friction"])
-    effects: tuple[str | Effect, ...] = tuple(machine["effects"])
+    tables = machine["effects"] or {}
+    effects: tuple[str | Effect, ...] = tuple(tables)
     true = Mechanism(declared.system, LAWS[simulate["friction"]](), effects)  # type: ignore[arg-type]
-    truth = dict(simulate["truth"]) | {k: v for table in machine["effects"].values() for k, v in (table or {}).items()}
+    truth = dict(simulate["truth"]) | {k: v for table in tables.values() for k, v in (table or {}).items()}
     true.check_names(truth, "machine")
     return Plant(true, truth, machine["resolution"], machine["delay"], machine["limit"])
 
