@@ -3,12 +3,13 @@
 # make check    lint, format and types
 # make test     make check, then the test suite
 # make paper    every table and figure of the paper, ours beside theirs: docs/paper.md (under 20 minutes on two cores)
+# make docs     the documentation, strictly: a broken link is an error; build/site/index.html (three minutes at first)
 # make bench    every benchmark, one after another
 # make clean    remove .venv and the caches; outputs/ stays
 
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := run
-.PHONY: run install check test paper bench clean
+.PHONY: run install check test paper docs bench clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -47,6 +48,14 @@ test: check
 
 paper: $(STAMP)
 	$(BIN)/python reproduce.py
+
+# Its packages are installed by it alone: nothing else needs them.
+$(VENV)/.docs: $(STAMP)
+	$(PIP) -e ".[docs]"
+	@touch $@
+
+docs: $(VENV)/.docs
+	$(BIN)/python docs/tools/build_site.py
 
 bench: $(STAMP)
 	@set -e; for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python "$$file"; done

@@ -69,11 +69,11 @@ def main() -> None:
     (ROOT / "benchmarks" / "results" / f"accuracy_{arguments.name}.txt").write_text(text)
     if arguments.name == "defaults":
         grouped = [results[k * arguments.seeds : (k + 1) * arguments.seeds] for k in range(len(cases))]
-        fill_readme(markdown(grouped, unit))
+        fill_page(markdown(grouped, unit))
 
 
 def markdown(groups: list[list[dict]], unit: str) -> str:
-    """The README's table: median force error, and median error of the well-determined parameters."""
+    """The documentation's table: median force error, and median error of the well-determined parameters."""
     lines = [
         f"| model | online force error, {unit} | Coulomb + viscous fit, {unit} | mu_c | sigma_2 | training, s |",
         "| --- | --- | --- | --- | --- | --- |",
@@ -91,9 +91,9 @@ def markdown(groups: list[list[dict]], unit: str) -> str:
     return "\n".join(lines)
 
 
-def fill_readme(table: str) -> None:
-    """Put the table between the README's markers."""
-    path = ROOT / "README.md"
+def fill_page(table: str) -> None:
+    """Put the table between the markers of docs/accuracy.md."""
+    path = ROOT / "docs" / "accuracy.md"
     head, _, rest = path.read_text(encoding="utf-8").partition("<!-- accuracy -->")
     tail = rest.partition("<!-- /accuracy -->")[2]
     path.write_text(f"{head}<!-- accuracy -->\n{table}\n<!-- /accuracy -->{tail}", encoding="utf-8")

@@ -22,6 +22,22 @@ MOST_ROWS = 12  # of a table as text: what fits on a screen with what stands aro
 WIDTH, LEAST = 110, 12  # of a table as text; of a column that gives way to others
 STYLE = "text-align:left;padding:2px 12px 2px 0;font-variant-numeric:tabular-nums"
 
+# Of the pages that results write: light or dark as the reader's system is, tables wider than the screen scroll in
+# <div class="wide">, figures, which are drawn on white, turned over in the dark with their hues kept.
+LOOKS = """:root {color-scheme: light dark; --ink: #222; --paper: #fff; --soft: #555; --line: #ddd; --box: #f5f6f8}
+@media (prefers-color-scheme: dark) {
+:root {--ink: #ddd; --paper: #16191d; --soft: #a5abb3; --line: #3a3f46; --box: #22262c}
+img {filter: invert(.9) hue-rotate(180deg)}
+}
+body {font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem;
+color: var(--ink); background: var(--paper); overflow-wrap: break-word}
+.wide {overflow-x: auto; margin: 1rem 0}
+table {border-collapse: collapse; width: 100%}
+th, td {padding: .3rem .7rem; text-align: right; border-bottom: 1px solid var(--line);
+font-variant-numeric: tabular-nums}
+img {max-width: 100%; height: auto} figure {margin: 2rem 0}
+figcaption, p.note {color: var(--soft); font-size: .9rem}"""
+
 
 @dataclass(frozen=True, repr=False)
 class Table:

@@ -115,7 +115,9 @@ def diagnose(
         mechanism: the declared model; effects in it are declared, too.
         recording: what was measured, SI units.
         held_out: names of trials that no fit sees; by default the last, or the end of the only one.
-        start, bounds, fixed: of the parameters of the declared model, by name, SI units.
+        start: start values of the declared model's parameters, by name, SI units.
+        bounds: lowest and highest values, by name, SI units.
+        fixed: values that are held, by name, SI units.
         check: "refuse" a recording that :func:`check` finds wrong, or "warn" and go on.
         options: as in the section ``diagnose`` of conf/diagnose.yaml: ``effects=["drag", "delay"]``, ``worth``,
             ``most``, ``log10_p``, ``fallback``, ``free``, ``signals``, ``inputs``, ``initial``, ``windows``, ``loss``.

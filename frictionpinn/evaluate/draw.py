@@ -187,5 +187,6 @@ def characteristics_figure(surfaces: Mapping[str, Characteristics], told: Mappin
     for axis in axes:
         axis.set(xlabel=f"slip velocity ({readable(told['v_slip']['unit'])})")
     axes[0].set(ylabel=f"normal force ({readable(told['normal_force']['unit'])})")
-    figure.suptitle("Friction characteristics over the range seen in training")
+    title = "Friction characteristics over the range seen in training"
+    figure.suptitle(textwrap.fill(title, 36 * (len(panels) + differs)))
     return figure

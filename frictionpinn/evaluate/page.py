@@ -9,6 +9,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+from ..show import LOOKS
 from .draw import KINDS, headline
 from .fidelity import sentences
 from .style import readable
@@ -22,13 +23,12 @@ _CAPTIONS = {
 }
 _PAGE = Template(
     """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>$title</title><style>
-body {font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222}
-table {border-collapse: collapse; margin: 1rem 0; width: 100%}
-th, td {padding: .3rem .7rem; text-align: right; border-bottom: 1px solid #ddd; font-variant-numeric: tabular-nums}
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>$title</title><style>
+$looks
 th:first-child, td:first-child {text-align: left}
-tr.model td {font-weight: 600}
-img {max-width: 100%} figcaption, p.note {color: #555; font-size: .9rem} figure {margin: 2rem 0}
+th[scope=row] {font-weight: inherit}
+tr.model > * {font-weight: 600}
 </style></head><body>
 <h1>$title</h1>
 <p>$headline.</p>
@@ -122,6 +122,7 @@ def write_page(path: Path, result: Mapping[str, Any], figures: Sequence[Path]) -
     title = f"{result['model'].upper()} of {result['trained_on']}, evaluated on {result['system']}"
     tables = "\n".join(_table(result, name, about) for name, about in result["trajectories"].items())
     page = _PAGE.substitute(
+        looks=LOOKS,
         title=html.escape(title),
         headline=html.escape(headline(result)),
         fidelity="\n".join(f"<p>{html.escape(text)}.</p>" for text in sentences(result.get("fidelity", {}))),
@@ -134,12 +135,14 @@ def write_page(path: Path, result: Mapping[str, Any], figures: Sequence[Path]) -
 
 
 def _table(result: Mapping[str, Any], name: str, about: Mapping[str, Any]) -> str:
-    head = "".join(f"<th>{html.escape(cell)}</th>" for cell in columns(result))
+    head = "".join(f'<th scope="col">{html.escape(cell)}</th>' for cell in columns(result))
     body = ""
     for key, row in zip(result["errors"][name], rows(result, name), strict=True):
-        cells = "".join(f"<td>{html.escape(cell)}</td>" for cell in row)
+        first, *rest = (html.escape(cell) for cell in row)
+        cells = f'<th scope="row">{first}</th>' + "".join(f"<td>{cell}</td>" for cell in rest)
         body += f"<tr{' class=model' if key == 'model' else ''}>{cells}</tr>\n"
-    return f"<h2>{html.escape(name)}</h2>\n<p>{html.escape(_about(about))}</p>\n<table><tr>{head}</tr>\n{body}</table>"
+    table = f'<div class="wide"><table><tr>{head}</tr>\n{body}</table></div>'
+    return f"<h2>{html.escape(name)}</h2>\n<p>{html.escape(_about(about))}</p>\n{table}"
 
 
 def _figure(path: Path) -> str:

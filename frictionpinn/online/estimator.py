@@ -113,10 +113,13 @@ class OnlineEstimator:
         """Return an estimator tuned on training trials; ``share`` maximises the likelihood of its innovations there.
 
         Args:
-            mechanism, parameters, adapt, covariance: see the class.
+            mechanism: see the class, also for ``parameters``, ``adapt`` and ``covariance``.
+            parameters: by name, SI units.
             recording: training trials; the parameters are not changed by them.
+            adapt: name -> relative change per square root of a second of sliding.
             sigmas: noise levels that are known, SI units.
             tuning: of the same sensors and trials, made before; None to make it here.
+            covariance: of the parameters.
         """
         tuning = tuning or tune(mechanism, recording, sigmas)
         most = MOST // len(recording.trials)

@@ -60,6 +60,10 @@ COMMANDS: dict[str, tuple[str, Act]] = {
     "evaluate": ("a trained model online and in simulation, and its export", _evaluate),
     "identify": ("parameters of a friction law, by several estimators", _later("workflow.identify", "identify")),
     "diagnose": ("what a friction model lacks", _later("workflow.diagnose", "diagnose")),
+    "compensate": (
+        "friction compensation of an axis, recorded before and after",
+        _later("workflow.compensate", "compensate"),
+    ),
     "reproduce": ("the paper's tables and figures", _later("reproduce.parts", "reproduce", with_folder=False)),
 }
 

@@ -139,7 +139,7 @@ class Sweep:
                     "the launcher cannot launch",
                     where="hydra/launcher",
                     received=f"{type(error).__name__}: {error}",
-                    fix="see the launcher's section in the README",
+                    fix="see the launchers in docs/guide/sweeps.md",
                 ) from error
             if alone or (error is None and lost):
                 for job in lost:

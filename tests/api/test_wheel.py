@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -12,19 +11,12 @@ import sysconfig
 from pathlib import Path
 
 import pytest
+from documented import ROOT, block
 
 import frictionpinn as fp
 
-ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ("frictionpinn", "hydra_plugins", "conf", "pyproject.toml", "setup.py", "README.md", "LICENSE")
 SIGNALS = {"mu_c": 3.0, "sigma_2": 2.0, "constant_force": 0.5}
-
-
-def examples(language: str, beginning: str) -> str:
-    """The README's block of a language that begins so."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```(\w*)\n(.*?)^```", text, re.S | re.M)
-    return next(block for kind, block in blocks if kind == language and block.startswith(beginning))
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +58,7 @@ def empty(tmp_path) -> Path:
 
 
 def test_twelve_lines_of_python_read_check_fit_diagnose_and_plot_a_log(installed, empty):
-    code = examples("python", "import frictionpinn as fp")
+    code = block("python", "missing.save(")
     assert len([line for line in code.splitlines() if line.strip()]) <= 12
     done = subprocess.run([installed / "python", "-c", code], cwd=empty, env=clean(), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -83,7 +75,7 @@ def test_twelve_lines_of_python_read_check_fit_diagnose_and_plot_a_log(installed
 
 
 def test_the_console_commands_do_the_same(installed, empty):
-    for line in examples("", "frictionpinn ").replace("\\\n", " ").splitlines():
+    for line in block("bash", "frictionpinn identify").replace("\\\n", " ").splitlines():
         done = subprocess.run(
             line, shell=True, cwd=empty, capture_output=True, text=True,
             env=clean() | {"PATH": f"{installed}{os.pathsep}{os.environ['PATH']}"},

@@ -14,6 +14,7 @@ import pytest
 import sympy as sp
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
+from pages import assert_reads_everywhere
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from frictionpinn.data.noise import GaussianNoise
@@ -138,6 +139,7 @@ def test_the_command_reads_a_file_and_writes_what_it_promises(tmp_path):
     assert all({"name", "why"} == set(entry) for entry in result["refused"])
     assert "Missing: asymmetric_viscous" in done.stdout
     page = (folder / "report.html").read_text()
+    assert_reads_everywhere(page)
     assert "<math" in page and page.count("data:image/png") == 5 and "http" not in page.replace("http://www.w3", "")
     events = EventAccumulator(str(folder / "tensorboard")).Reload()
     assert {event.step: event.value for event in events.Scalars("error/x")}[1] == pytest.approx(

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import torch
 from commands import ROOT, call
+from documented import block
 
 from frictionpinn import __version__
 from frictionpinn.workflow.commands import COMMANDS
@@ -105,12 +106,10 @@ def test_a_start_that_fails_leaves_other_runs_alone(tmp_path):
 
 @pytest.fixture
 def own(tmp_path) -> Path:
-    """A folder with the README's system in a file, its configuration, and a law that drops the Stribeck curve."""
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    blocks = {kind: re.findall(rf"```{kind}\n(.*?)```", readme, re.S) for kind in ("python", "yaml")}
-    (tmp_path / "tilt.py").write_text(next(text for text in blocks["python"] if "class TiltingTable" in text))
+    """A folder with the documentation's system in a file, and its configuration."""
+    (tmp_path / "tilt.py").write_text(block("python", "class TiltingTable"))
     (tmp_path / "mine" / "system").mkdir(parents=True)
-    (tmp_path / "mine" / "system" / "tilt.yaml").write_text(blocks["yaml"][0])
+    (tmp_path / "mine" / "system" / "tilt.yaml").write_text(block("yaml", "name: tilt"))
     return tmp_path
 
 

@@ -11,6 +11,7 @@ import pytest
 from commands import call
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
+from pages import assert_reads_everywhere
 
 from frictionpinn.errors import UserError
 from frictionpinn.evaluate.published import published
@@ -61,6 +62,7 @@ def test_an_evaluation_leaves_its_result_figures_and_one_page(run, result):
     assert written == json.loads(json.dumps(result))
     assert set(written["figures"]) == {f"figures/{n}.png" for n in ("errors", "trajectory_1", "characteristics")}
     page = (folder / "report.html").read_text()
+    assert_reads_everywhere(page)
     assert page.count("data:image/png;base64,") == 3 and 'src="http' not in page
     assert f"{written['errors']['Traj. 1']['model']['online']['force_mse']['value']:.3g}" in page
     assert not list(folder.glob("*.tmp"))

@@ -1,20 +1,14 @@
-"""The README's example of a mechanism of one's own works as it is printed there."""
+"""What the README and the documentation print works as it is printed there."""
 
 import os
 import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
+
+from documented import PAGES, ROOT, block
 
 from frictionpinn.physics import SYSTEMS
-
-ROOT = Path(__file__).resolve().parents[2]
-
-
-def blocks(language: str) -> list[str]:
-    """Code blocks of the README in a language."""
-    return re.findall(rf"```{language}\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)
 
 
 def test_a_system_of_ones_own_is_one_file_one_yaml_and_one_line(tmp_path):
@@ -23,8 +17,8 @@ def test_a_system_of_ones_own_is_one_file_one_yaml_and_one_line(tmp_path):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("*.pyc*", "*.tmp*"))
     shutil.copy(ROOT / "train.py", tmp_path)
     systems = tmp_path / "frictionpinn" / "physics" / "systems"
-    (systems / "tilt.py").write_text(next(text for text in blocks("python") if "class TiltingTable" in text))
-    (tmp_path / "conf" / "system" / "tilt.yaml").write_text(blocks("yaml")[0])
+    (systems / "tilt.py").write_text(block("python", "class TiltingTable"))
+    (tmp_path / "conf" / "system" / "tilt.yaml").write_text(block("yaml", "name: tilt"))
     listing = (systems / "__init__.py").read_text()
     listing = listing.replace("from .sdob", "from .tilt import TiltingTable\nfrom .sdob").replace(
         "Damper)}", "Damper, TiltingTable)}"
@@ -44,9 +38,9 @@ def test_a_system_of_ones_own_is_one_file_one_yaml_and_one_line(tmp_path):
     assert "mu_c" in done.stdout
 
 
-def test_every_option_that_the_readme_names_exists():
+def test_every_option_that_the_documentation_names_exists():
     for group in ("system", "model", "friction", "data", "noise", "smoothing", "optimizer", "experiment"):
-        row = re.search(rf"\| `{group}` \| (.*?) \|", (ROOT / "README.md").read_text(encoding="utf-8")).group(1)
+        row = re.search(rf"\| `{group}` \| (.*?) \|", PAGES["docs/guide/training.md"]).group(1)
         named = set(re.findall(r"`(\w+)`", row))
         present = {path.stem for path in (ROOT / "conf" / group).glob("*.yaml")}
         assert named <= present, group
@@ -54,13 +48,13 @@ def test_every_option_that_the_readme_names_exists():
 
 
 def test_the_example_of_maximum_likelihood_runs_as_printed(capsys):
-    exec(next(text for text in blocks("python") if "maximum_likelihood" in text), {})
+    exec(block("python", "print(estimate)"), {})
     shown = capsys.readouterr().out
     assert "maximum_likelihood: converged" in shown and "mu_c" in shown
 
 
 def test_the_example_of_online_use_runs_as_printed(capsys):
-    exec(next(text for text in blocks("python") if "OnlineEstimator" in text), {})
+    exec(block("python", "OnlineEstimator"), {})
     shown = re.search(r"(\S+) N, (\S+) to (\S+); mu_c (\S+)", capsys.readouterr().out)
     force, low, high, mu_c = (float(number) for number in shown.groups())
     assert low <= force <= high and abs(mu_c / 3.0 - 1) < 0.05

@@ -1,0 +1,203 @@
+"""Friction compensation beside a controller: reference and measured position in, torque and its interval out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import UserError
+from ..numerics.codegen import Kernels, pointer
+from ..online.check import check_adapt, check_sensors, finite, parameter_vector
+from ..physics.base import TRIAL
+from ..physics.mechanism import Mechanism
+from .recursions import DISTURBANCE, SLOPES, THETA, Memory, Plan, cycle, inertia
+
+STILL = 10.0  # steps of the encoder a second: slower, a reference is at rest
+
+
+class Command(NamedTuple):
+    """Torque to add, and its 95 % interval, in the system's unit of force."""
+
+    torque: float
+    low: float
+    high: float
+
+
+class Compensator:
+    """Torque that cancels the friction of an axis, once in every cycle of its controller.
+
+    The torque is F(q_r, v_r, z_r; p) + d, limited. F is the mechanism's friction, effects included, along the reference
+    (q_r, v_r), with a bristle z_r that is carried along it. With ``adapt`` or ``disturbance`` a Kalman filter on the
+    equation of motion (see :mod:`.recursions`) reads the encoder, follows the parameters named in ``adapt`` and
+    estimates the disturbance d, all else that acts like a friction. Without either, it is a feed-forward; without a law
+    (mu_c = 0), a disturbance observer.
+
+    It cannot pump energy into an axis that is to rest: all that feeds back moves to its newest value at the rate
+    w = v_r^2 / (v_r^2 + still^2), so at v_r = 0 the torque is a constant, and the work of a constant torque over any
+    closed path is zero.
+
+    Args:
+        mechanism: one free coordinate and a force or torque on it: drive, joint, pendulum; effects may act on the
+            mechanism, not on its sensors.
+        parameters: by name, SI units: identified, or known.
+        known: with which the controller computes the torque of the motion without friction; what p says beyond them is
+            added, too (a load). None: ``parameters``.
+        interval: cycle of the controller, s.
+        delay: from a command to its effect, s; the reference that :meth:`update` gets is that much ahead.
+        resolution: step of the encoder, in the unit of position.
+        adapt: parameter -> relative change per square root of a second of motion.
+        spread: parameter that adapts -> relative standard deviation at the start; 0 where not given.
+        disturbance: change of d per square root of a second, in the unit of force; 0: there is none.
+        bandwidth: up to which d follows, Hz: readings count as noisy enough for that, whatever the encoder. What the
+            equations leave out above it (an elastic gear, the delay's error) is left to the controller.
+        still: speed of the reference at which half of the feedback is let through; None: ten steps of the encoder a
+            second.
+        limit: largest torque to add, in the unit of force.
+        gain: factor of the torque, for tests of how much over-compensation a loop bears.
+
+    Raises:
+        UserError: a mechanism that is no such axis; a parameter without value or out of its range; a cycle, delay,
+            resolution, limit or speed that is not above 0 (a delay: not below).
+
+    Source: H. Olsson and others, Friction models and friction compensation, European Journal of Control 4 (1998).
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        parameters: Mapping[str, float],
+        *,
+        known: Mapping[str, float] | None = None,
+        interval: float = 1e-3,
+        delay: float = 0.0,
+        resolution: float = 1e-6,
+        adapt: Mapping[str, float] | None = None,
+        spread: Mapping[str, float] | None = None,
+        disturbance: float = 0.0,
+        bandwidth: float = 30.0,
+        still: float | None = None,
+        limit: float = 1e9,
+        gain: float = 1.0,
+    ):
+        check_axis(mechanism)
+        check_sensors(mechanism)
+        for name, value in {
+            "interval": interval,
+            "resolution": resolution,
+            "limit": limit,
+            "bandwidth": bandwidth,
+        }.items():
+            _above(name, value, 0.0)
+        for name, value in {"delay": delay, "disturbance": disturbance}.items():
+            _least(name, value)
+        self.mechanism, self.kernels = mechanism, Kernels(mechanism)
+        self.names = tuple(par.name for par in mechanism.parameters)
+        self.adapt, self.spread = dict(adapt or {}), dict(spread or {})
+        p = parameter_vector(mechanism, self.names, parameters)
+        check_adapt(self.adapt, self.names, p, None)
+        n_s, n_w, n_u, _ = self.kernels.sizes
+        plain, columns = self.kernels.plain, mechanism.input_signals
+        self._k, size = len(self.adapt), THETA + len(self.adapt)
+        clocks = [(n_u - len(mechanism.clocks) + i, int(symbol != TRIAL)) for i, symbol in enumerate(mechanism.clocks)]
+        w = 2 * math.pi * bandwidth
+        self.plan = Plan(
+            pointer(plain.newton), pointer(plain.outputs), pointer(self.kernels.strengths(tuple(self.adapt))), p,
+            p if known is None else parameter_vector(mechanism, self.names, {**parameters, **known}),
+            np.array([self.names.index(name) for name in self.adapt], dtype=np.int64),
+            np.array(clocks, dtype=np.int64).reshape(-1, 2), (n_s, n_w, n_u, columns.index(actuator(mechanism))),
+            float(interval), float(delay / interval), self._noise(p, interval, resolution, disturbance, w),
+            float(disturbance) ** 2, np.array([rate**2 for rate in self.adapt.values()], dtype=float),
+            np.array([disturbance / math.sqrt(w), *(self.spread.get(name, 0.0) for name in self.adapt)], dtype=float),
+            float(STILL * resolution if still is None else still), float(limit), bool(self.adapt or disturbance),
+            float(gain),
+        )  # fmt: skip
+        _above("still", self.plan.still, 0.0)
+        past = np.zeros((int(self.plan.lag) + 3, SLOPES + self._k))
+        self.memory = Memory(
+            np.zeros(size), np.zeros((size, size)), np.zeros(n_s), np.zeros(n_w), np.zeros((n_s, self._k)), p.copy(),
+            past, np.zeros(4), np.zeros(1, dtype=np.int64),
+        )  # fmt: skip
+        self._result = np.zeros(3)
+
+    def __repr__(self) -> str:
+        told = ", ".join(f"{name} {value:.4g}" for name, value in self.parameters.items() if name in self.adapt)
+        return f"Compensator({self.mechanism.name}; adapts {told or 'nothing'})"
+
+    def _noise(self, p: np.ndarray, h: float, resolution: float, disturbance: float, w: float) -> float:
+        """Variance of a reading at which a Kalman filter of d has the bandwidth w; without d, of the encoder's step.
+
+        Of a triple integrator under noise of density q, read with density r, that is (q / r)^(1/6).
+        """
+        m = inertia(pointer(self.kernels.plain.newton), p, self.kernels.sizes)
+        return (disturbance / m) ** 2 / (w**6 * h) if disturbance else resolution**2 / 12
+
+    def reset(self) -> None:
+        """Forget all cycles; parameters that adapt return to their first values."""
+        self.memory.begun[0] = 0
+
+    def update(self, reference: Sequence[float], position: float, torque: float) -> Command:
+        """One cycle.
+
+        Args:
+            reference: position, velocity and acceleration wanted at the time when the torque will act, SI units.
+            position: measured now, SI units; NaN where there is no reading.
+            torque: commanded in the cycle before, as the limits let it through, compensation included.
+
+        Raises:
+            UserError: a reference or torque that is not finite.
+        """
+        wanted = np.array(reference, dtype=float)
+        if wanted.shape != (3,) or not np.isfinite(wanted).all():
+            raise UserError("no reference", where="reference", received=reference, allowed="three finite numbers: "
+                            "position, velocity, acceleration")  # fmt: skip
+        if not finite(torque):
+            raise UserError("not a finite torque", where="torque", received=torque, fix="give the one commanded last")
+        cycle(self.plan, self.memory, wanted, float(position), float(torque), self._result)
+        return Command(*self._result.tolist())
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Parameters in force, SI units."""
+        return dict(zip(self.names, self.memory.p.tolist(), strict=True))
+
+    @property
+    def disturbance(self) -> float:
+        """What is estimated to act beside the mechanism's friction, counted as friction is, in the unit of force."""
+        return float(self.memory.X[DISTURBANCE])
+
+
+def actuator(mechanism: Mechanism) -> str:
+    """Name of the input that moves the axis."""
+    return next(item.name for item in mechanism.system.inputs if item.symbol in mechanism.system.acting)
+
+
+def completed(mechanism: Mechanism, values: Mapping[str, float]) -> dict[str, float]:
+    """The values, and 1 for every parameter of the law without one: where its friction is subtracted again."""
+    return {par.name: 1.0 for par in mechanism.law.parameters if par.value is None} | dict(values)
+
+
+def check_axis(mechanism: Mechanism) -> None:
+    """Raise :class:`UserError` for a mechanism that is not one free coordinate with a force or torque on it."""
+    system = mechanism.system
+    acting = [item for item in system.inputs if item.symbol in system.acting]
+    if system.massless or len(mechanism.free) != 1 or mechanism.driven or len(acting) != 1:
+        raise UserError(
+            "no axis that a controller moves",
+            where="system",
+            received=system.name,
+            allowed="one free coordinate and one force or torque on it: drive, joint, pendulum",
+            fix="declare the axis as one of these",
+        )
+
+
+def _above(name: str, value: float, least: float) -> None:
+    if not (finite(value) and value > least):
+        raise UserError("impossible value", where=name, received=value, allowed=f"a number above {least:g}")
+
+
+def _least(name: str, value: float) -> None:
+    if not (finite(value) and value >= 0):
+        raise UserError("impossible value", where=name, received=value, allowed="a number from 0")

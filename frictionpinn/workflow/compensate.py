@@ -1,0 +1,203 @@
+"""The whole chain of an axis: a recording with the PID alone, what it lacks, a compensator, a recording again."""
+
+from __future__ import annotations
+
+import html
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..control import Compensator, Gains, Loop, Plant, close, reference, tuned
+from ..control.build import build_compensator
+from ..control.compensator import check_axis, completed
+from ..control.page import page, picture
+from ..control.record import recorded
+from ..control.recursions import inertia
+from ..data.recording import Recording
+from ..errors import UserError, choose
+from ..evaluate.style import INK, readable
+from ..physics import LAWS
+from ..physics.effect import Effect
+from ..physics.mechanism import Mechanism
+from .build import Config, build_system
+from .manifest import write_json
+from .provenance import commit, versions
+
+log = logging.getLogger(__name__)
+SKIPPED = 1 / 3  # of a motion, in which a compensator that adapts finds its parameters
+
+
+def compensate(cfg: Config, folder: Path) -> dict[str, Any]:
+    """Record, diagnose, identify, compensate, record again; write page, result and the compensator as C.
+
+    Args:
+        cfg: resolved conf/compensate.yaml.
+        folder: of this run.
+
+    Returns:
+        What stands in ``result.json``: verdict, parameters, and for every motion the rms tracking error before and
+        after, in the unit of position.
+
+    Raises:
+        UserError: anything that the user can mend.
+    """
+    system = build_system(cfg["system"])
+    declared = Mechanism(system, choose(cfg["friction"]["name"], LAWS, "friction")())
+    check_axis(declared)
+    plant, loop = _plant(cfg, declared), cfg["loop"]
+    gains = _gains(plant, declared, loop)
+    log.info(f"PID: kp {gains.kp:.4g}, ki {gains.ki:.4g}, kd {gains.kd:.4g}")
+    trials = {str(k + 1): item for k, item in enumerate(cfg["record"]["trials"])}
+    own = {"interval": loop["interval"], "delay": loop["delay"]}
+    alone = {
+        name: close(plant, gains, reference(**item), cfg["record"]["duration"], None, (declared, {}), **own)
+        for name, item in trials.items()
+    }
+    recording = recorded(alone, declared, loop["delay"], cfg["record"]["rate_hz"])
+    mechanism, values, verdict = identified(declared, recording, folder, **cfg["diagnose"])
+    helper = build_compensator(cfg["control"], mechanism, values, **own, resolution=cfg["machine"]["resolution"])
+    files: list[str] = []
+    folder.mkdir(parents=True, exist_ok=True)
+    if helper is not None:
+        from ..export.compensator import write_compensator_c
+
+        files = write_compensator_c(folder, helper)
+    runs = []
+    for item in cfg["follow"]["motions"]:
+        path, duration, model = reference(**item), cfg["follow"]["duration"], (mechanism, values)
+        before = close(plant, gains, path, duration, None, (declared, {}), **own)
+        runs.append((item["name"], before, close(plant, gains, path, duration, helper, model, **own)))
+    result = {
+        "verdict": verdict,
+        "mechanism": mechanism.name,
+        "parameters": values,
+        "control": cfg["control"]["name"],
+        "unit": declared.free[0].units[0],
+        "motions": {name: {"before": _rms(first), "after": _rms(second)} for name, first, second in runs},
+        "files": files,
+        "versions": versions(),
+        "commit": commit(),
+        "config": cfg,
+    }
+    write_json(folder / "result.json", result)
+    (folder / "report.html").write_text(_page(result, runs, plant), encoding="utf-8")
+    for name, row in result["motions"].items():
+        log.info(f"{name}: rms tracking error {_told(row['before'], result['unit'])} before, "
+                 f"{_told(row['after'], result['unit'])} after, {_lower(row)}")  # fmt: skip
+    log.info(f"report.html, result.json {' '.join(files)} are in {folder}")
+    return result
+
+
+def _plant(cfg: Config, declared: Mechanism) -> Plant:
+    machine, simulate = cfg["machine"], cfg["system"]["simulate"]
+    if simulate["friction"] not in LAWS:
+        raise UserError("unknown law of the machine", where="system.simulate.friction", received=simulate["friction"])
+    tables = machine["effects"] or {}
+    effects: tuple[str | Effect, ...] = tuple(tables)
+    true = Mechanism(declared.system, LAWS[simulate["friction"]](), effects)  # type: ignore[arg-type]
+    truth = dict(simulate["truth"]) | {k: v for table in tables.values() for k, v in (table or {}).items()}
+    true.check_names(truth, "machine")
+    return Plant(true, truth, machine["resolution"], machine["delay"], machine["limit"])
+
+
+def _gains(plant: Plant, declared: Mechanism, loop: Mapping[str, float]) -> Gains:
+    """The PID, from the declared inertia and the delay alone."""
+    probe = Compensator(declared, completed(declared, {}))
+    m = inertia(probe.plan.newton, probe.plan.p, probe.plan.sizes)
+    dead_time = loop["delay"] + loop["interval"] / 2 + 1e-3
+    return tuned(m, dead_time, loop["sensitivity"], limit=plant.limit, dead=2 * plant.resolution)
+
+
+def identified(
+    declared: Mechanism, recording: Recording, folder: Path, *, effects: Sequence[str] | str, **options: Any
+) -> tuple[Mechanism, dict[str, float], str]:
+    """What a recording tells of an axis: mechanism with the effects that were found, its parameters, the verdict.
+
+    The motion is taken as measured and the torque predicted: in a closed loop both are, and no error adds up.
+
+    Args:
+        declared: the axis as declared.
+        recording: see :func:`..control.record.recorded`.
+        folder: where ``augmented.yaml`` is written.
+        effects: to try; none: the declared law is fitted alone; "all": every one.
+        options: of :func:`frictionpinn.diagnose` (free, most, start, ...).
+    """
+    from ..api.estimates import diagnose, fit
+    from ..diagnose.augmented import load_augmented, save_augmented
+
+    system, law = declared.system, declared.law
+    values: dict[str, Any] = dict(system.values)
+    imposed = Mechanism(type(system)(equations=system.equations, imposed=True, **values), law, declared.effects)
+    if not effects:
+        found = fit(imposed, recording, check="warn", free=options.get("free"), start=options.get("start"))
+        log.info(str(found))
+        return declared, values | dict(found.values), "not diagnosed"
+    diagnosis = diagnose(imposed, recording, check="warn", effects=effects, **options)
+    log.info(str(diagnosis))
+    folder.mkdir(parents=True, exist_ok=True)
+    save_augmented(folder / "augmented.yaml", diagnosis)
+    augmented, known = load_augmented(folder / "augmented.yaml")
+    return Mechanism(system, law, augmented.effects), known, diagnosis.verdict
+
+
+def _late(loop: Loop) -> np.ndarray:
+    return loop.t >= SKIPPED * loop.t[-1]
+
+
+def _rms(loop: Loop) -> float:
+    return float(np.sqrt(np.mean(loop.error[_late(loop)] ** 2)))
+
+
+def _told(value: float, unit: str) -> str:
+    return f"{1e6 * value:.3g} µ{readable(unit)}"
+
+
+def _lower(row: Mapping[str, float]) -> str:
+    return f"{100 * (1 - row['after'] / row['before']):.1f} % lower"
+
+
+def _page(result: Mapping[str, Any], runs: list[tuple[str, Loop, Loop]], plant: Plant) -> str:
+    unit = result["unit"]
+    rows = "".join(
+        f'<tr><th scope="row">{html.escape(name)}</th><td>{_told(row["before"], unit)}</td>'
+        f'<td class="ours">{_told(row["after"], unit)}</td><td>{_lower(row)}</td></tr>\n'
+        for name, row in result["motions"].items()
+    )
+    table = (
+        '<div class="wide"><table><tr><th scope="col">motion</th><th scope="col">PID alone</th>'
+        f'<th scope="col">with {html.escape(result["control"])}</th><th scope="col"></th></tr>\n{rows}</table></div>'
+    )
+    known = "".join(
+        f'<tr><th scope="row">{html.escape(name)}</th><td>{value:.4g}</td></tr>\n'
+        for name, value in result["parameters"].items()
+    )
+    values = f'<table><tr><th scope="col">parameter (SI)</th><th scope="col">identified</th></tr>\n{known}</table>'
+    told = (
+        f"<p>Diagnosis of the recording with the PID alone: {html.escape(result['verdict'])}; compensated with "
+        f"{html.escape(result['mechanism'])}. Rms tracking error, the first third of each motion left out.</p>"
+    )
+    name, before, after = max(runs, key=lambda run: _rms(run[1]))
+    caption = f"{name}: tracking error, and the torque that was added beside the true friction."
+    drawn = picture(_figure(before, after, unit, plant.mechanism.system.force_unit), caption)
+    return page("Friction compensation, before and after", told + table + drawn + f"<h2>Parameters</h2>{values}")
+
+
+def _figure(before: Loop, after: Loop, unit: str, force: str) -> Figure:
+    figure = Figure(figsize=(10, 5), layout="constrained")
+    top, bottom = figure.subplots(2, 1, sharex=True)
+    top.plot(before.t, 1e6 * before.error, color=INK["baseline"], lw=1.0, label="PID alone")
+    top.plot(after.t, 1e6 * after.error, color=INK["model"], lw=1.0, label="compensated")
+    bottom.plot(after.t, after.friction, color=INK["reference"], lw=1.3, label="true friction")
+    bottom.plot(after.t, after.added, color=INK["model"], lw=0.9, label="added, with its 95 % interval")
+    bottom.fill_between(after.t, after.low, after.high, color=INK["model"], alpha=0.2, lw=0)
+    top.set(ylabel=f"tracking error (µ{readable(unit)})", title="Compensation takes the error of the reversals away")
+    bottom.set(xlabel="time (s)", ylabel=f"friction ({readable(force)})")
+    for axis in (top, bottom):
+        low, high = axis.get_ylim()
+        axis.set_ylim(low, high + 0.25 * (high - low))
+        axis.legend(loc="upper right", frameon=False, fontsize=9, ncols=2)
+    return figure

@@ -1,0 +1,47 @@
+"""The whole chain as a command: recorded with the PID alone, identified, compensated, recorded again."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+
+import pytest
+from commands import call
+
+SHORT = [
+    "record.duration=1.5",
+    "record.trials=[{name: sine, amplitude: 5.0e-3, period: 1.0}, {name: multisine, amplitude: 7.0e-3, period: 1.5}]",
+    "follow.duration=2.0",
+    "follow.motions=[{name: sine, amplitude: 4.0e-3, period: 0.8}]",
+    "diagnose.effects=[]",
+    "hydra.run.dir=run",
+]
+
+
+def test_an_axis_is_identified_and_tracks_better_and_the_compensator_is_there_as_c(tmp_path):
+    done = call("compensate.py", *SHORT, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    result = json.loads((tmp_path / "run" / "result.json").read_text())
+    row = result["motions"]["sine"]
+    assert row["after"] < 0.2 * row["before"] and result["verdict"] == "not diagnosed"
+    assert result["parameters"]["mu_c"] == pytest.approx(3.0, rel=0.1)
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert 'name="viewport"' in page and "prefers-color-scheme: dark" in page and 'scope="col"' in page
+    command = ["cc", "-std=c99", "-c", "-Wall", "-Werror", "-o", tmp_path / "x.o", tmp_path / "run" / "compensator.c"]
+    subprocess.run(command, check=True)
+
+
+@pytest.mark.parametrize(
+    ("option", "part"),
+    [
+        ("system=pob", "drive, joint, pendulum"),
+        ("machine.delay=1.2e-3", "multiples of 0.0005 s"),
+        ("machine.effects={asymetry: {asymmetry: 0.1}}", "did you mean 'asymmetry'"),
+        ("machine.effects={asymmetry: {asymetry: 0.1}}", "machine.asymetry"),
+        ("record.rate_hz=1e5", "rate_hz"),
+        ("follow.motions=[{name: sinus, amplitude: 1.0, period: 1.0}]", "did you mean 'sine'"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(option, part, tmp_path):
+    done = call("compensate.py", *SHORT, option, cwd=tmp_path)
+    assert done.returncode == 2 and part in done.stderr.splitlines()[-1]
