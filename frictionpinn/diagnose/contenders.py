@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from ..identify.problem import Problem
-from ..identify.solve import FAINT, Evaluate, State, coarse_to_fine, reduced
+from ..identify.solve import FAINT, Evaluate, State, assembled, coarse_to_fine, reduced
 from ..identify.trial import Piece, TrialModel
 from ..numerics.parallel import in_parallel
 from ..numerics.simulate import ContactLost, SimulationFailed
@@ -266,8 +266,8 @@ def check(bench: Bench, fit: Fit) -> Fit | None:
     if found is None:
         return None
     problem, models, first, evaluate = found
-    solution = coarse_to_fine(evaluate, first, (first.u, first.u), problem.resolutions)
-    return None if solution is None else replace(fit, models=models, state=solution.state, minima=())
+    state = _own_unknowns(evaluate, first, problem.resolutions)
+    return None if state is None else replace(fit, models=models, state=state, minima=())
 
 
 @dataclass(frozen=True)
@@ -293,9 +293,9 @@ def surprise(bench: Bench, fit: Fit) -> Surprise | None:
         return None
     problem, _, first, plain = found
     at, limits, widths = first.u, problem.space.limits, problem.resolutions
-    held = coarse_to_fine(plain, first, (at, at), widths)
+    held = _own_unknowns(plain, first, widths)
     if held is None or not bench.mechanism.memory or not fit.state.curved:
-        return None if held is None else Surprise(held.state.cost, held.state.cost)
+        return None if held is None else Surprise(held.cost, held.cost)
     S = reduced(fit.state)[0] + FAINT * np.eye(len(at))
 
     def known(state: State) -> State:
@@ -310,14 +310,25 @@ def surprise(bench: Bench, fit: Fit) -> Surprise | None:
         return None if state is None else known(state)
 
     # A slip a little early or late makes minima: from where the parameters as fitted lead, too.
-    starts = ((first, widths), (held.state, widths[-1:]))
+    starts = ((first, widths), (held, widths[-1:]))
     made = [coarse_to_fine(evaluate, known(state), limits, own) for state, own in starts]
-    states = [s.state for s in made if s is not None and s.state.curved]
-    if not states:
-        return Surprise(held.state.cost, held.state.cost)
-    best = min(states, key=lambda state: state.cost)
+    ends = sorted((s for s in made if s is not None and s.state.curved), key=lambda s: s.state.cost)
+    if not ends:
+        return Surprise(held.cost, held.cost)
+    best = assembled(evaluate, ends[0], [end.state for end in ends[1:]], limits).state
     change = np.linalg.slogdet(reduced(best)[0])[1] - np.linalg.slogdet(S)[1]
-    return Surprise(held.state.cost, best.cost + 0.5 * float(change))
+    return Surprise(held.cost, best.cost + 0.5 * float(change))
+
+
+def _own_unknowns(evaluate: Evaluate, first: State, widths: Sequence[float]) -> State | None:
+    """Trials at given parameters, their own unknowns estimated: from the coarsest resolution, from the one next to the
+    sample and from the sample alone, of each trial the best; None where they cannot be simulated."""
+    at = first.u, first.u
+    made = [
+        coarse_to_fine(evaluate, first, at, widths[-count:]) for count in sorted({1, min(2, len(widths)), len(widths)})
+    ]
+    ends = sorted((end for end in made if end is not None), key=lambda end: end.state.cost)
+    return assembled(evaluate, ends[0], [end.state for end in ends[1:]], at).state if ends else None
 
 
 def _held_out(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], State, Evaluate] | None:
