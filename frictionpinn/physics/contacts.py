@@ -8,12 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import sympy as sp
 
-from ..errors import UserError, nearest
+from ..errors import UserError, choose, nearest
 from .base import FrictionLaw
 from .effect import Effect
+from .friction import CONTACT_LAWS, LAWS
 from .system import System
 
 
@@ -49,8 +51,23 @@ class ContactLaws(FrictionLaw):
     def at(self, contact):
         return self.laws[contact]
 
+    def called(self, name: str) -> list[str]:
+        """The parameters of all contacts that have this plain name."""
+        return [par.name for par in self.parameters if par.name.partition(".")[2] == name]
+
     def constraints(self, p):
         return tuple(e for contact, law in self.laws.items() for e in law.constraints(own_names(p, contact)))
+
+
+def law_named(given: str | Mapping[str, str], where: str) -> FrictionLaw | dict[str, FrictionLaw]:
+    """A friction law by name, or one for each contact, ``none`` included.
+
+    Raises:
+        UserError: an unknown law; ``where`` it was given.
+    """
+    if isinstance(given, Mapping):
+        return {name: choose(law, CONTACT_LAWS, f"{where}.{name}")() for name, law in given.items()}
+    return choose(given, LAWS, where)()
 
 
 def laws_of(system: System, law: FrictionLaw | Mapping[str, FrictionLaw]) -> FrictionLaw:
@@ -62,19 +79,36 @@ def laws_of(system: System, law: FrictionLaw | Mapping[str, FrictionLaw]) -> Fri
     names = [contact.name for contact in system.contacts]
     if isinstance(law, FrictionLaw):
         return law if len(names) == 1 or isinstance(law, ContactLaws) else ContactLaws(dict.fromkeys(names, law))
-    if len(names) == 1:
-        raise UserError(f"system {system.name} has one contact", where="friction", received=", ".join(law),
-                        allowed="one law", fix="give the law alone, friction=lugre")  # fmt: skip
     for name in law:
-        if name not in names:
-            fix = nearest(name, names) or "use one of these"
+        if name not in names or len(names) == 1:
+            allowed = ", ".join(names) if len(names) > 1 else "none: it has one contact, without a name"
+            fix = nearest(name, names) or "use one of these" if len(names) > 1 else "give the law alone, friction=lugre"
             raise UserError(f"unknown contact of system {system.name}", where=f"friction.{name}",
-                            received=law[name].name, allowed=", ".join(names), fix=fix)  # fmt: skip
+                            received=law[name].name, allowed=allowed, fix=fix)  # fmt: skip
     for name in names:
         if name not in law:
-            raise UserError("contact without a friction law", where=f"friction.{name}",
-                            allowed="the name of a law, or none", fix="give every contact its law")  # fmt: skip
+            fix = f"say friction.{name}=none if it has none"
+            raise UserError(
+                "contact without a friction law", where=f"friction.{name}", allowed=", ".join(CONTACT_LAWS), fix=fix
+            )
     return ContactLaws({name: law[name] for name in names})
+
+
+def by_parameter(table: Mapping[str, Any], law: FrictionLaw) -> dict[str, Any]:
+    """A table of a law's parameters by their full names.
+
+    With several contacts ``{"hinge": {"mu_c": 0.1}}`` and ``{"hinge.mu_c": 0.1}`` name that of one contact, and
+    ``{"alpha": 2.0}`` those of all contacts that have it and are not named.
+    """
+    if not isinstance(law, ContactLaws):
+        return dict(table)
+    result: dict[str, Any] = {}
+    for name, value in table.items():
+        if name not in law.laws:
+            result |= dict.fromkeys(law.called(name) or [name], value)
+    for contact in law.laws:
+        result |= {f"{contact}.{name}": value for name, value in (table.get(contact) or {}).items()}
+    return result | {name: value for name, value in table.items() if "." in name}
 
 
 class LocatedEffect(Effect):
