@@ -182,7 +182,12 @@ class Kernels:
     @property
     def outputs(self) -> int:
         """Number n_o of outputs."""
-        return 3 * len(self.mechanism.contacts)
+        return 3 * len(self.contacts)
+
+    @cached_property
+    def contacts(self) -> tuple[str, ...]:
+        """Names of the contacts."""
+        return tuple(contact.name for contact in self.mechanism.contacts)
 
     @cached_property
     def bristles(self) -> np.ndarray:

@@ -176,7 +176,7 @@ def step(kernel, a, c, coefficients, k, offset, h, p, m, atol, tolerance, s0, st
 
 
 @njit(**INLINED)
-def error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, places, z_size):
+def error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, largest):
     """Largest embedded error estimate among the components of the state, in units of the tolerance."""
     worst = 0.0
     for d in range(s.shape[0]):
@@ -185,7 +185,7 @@ def error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, places, z_siz
             total += error[j] * (stages_v[j, d] if d < m else stages_w[j, d - m])
         size = max(abs(s0[d]), abs(s[d]))
         if d >= 2 * m:
-            size = max(size, z_size[places[d - 2 * m]])
+            size = max(size, largest[d - 2 * m])
         worst = max(worst, abs(h * total) / (atol[d] + rtol * size))
     return worst
 
@@ -260,7 +260,7 @@ def integrate(
     if status != OK:
         return status, t[0], states, unknowns, *record
     replaying = replay_k.shape[0] > 0
-    taken, h_next, z_size = 0, (t[1] - t[0]) * 0.1, np.zeros(n_s - 2 * m)
+    taken, h_next, largest = 0, (t[1] - t[0]) * 0.1, np.zeros(n_s - 2 * m)
     for k in range(n - 1):
         interval = t[k + 1] - t[k]
         offset, attempts = 0.0, 0
@@ -274,7 +274,7 @@ def integrate(
             )
             size = 0.0
             if status == OK and not replaying:
-                size = error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, places, z_size)
+                size = error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, largest)
             attempts += 1
             if status != OK or not size <= 1.0:
                 if replaying or h < SMALLEST * interval or attempts > ATTEMPTS:
@@ -286,7 +286,9 @@ def integrate(
             copy_to(stages_w[stages - 1], first)
             copy_to(s, s0)
             for d in range(2 * m, n_s):
-                z_size[places[d - 2 * m]] = max(z_size[places[d - 2 * m]], abs(s[d]))
+                for e in range(n_s - 2 * m):
+                    if places[e] == places[d - 2 * m]:
+                        largest[e] = max(largest[e], abs(s[d]))
             h_next = next_size(h, size, order)
             offset = interval if offset + h >= interval * (1.0 - 1e-12) else offset + h
         copy_to(s0, states[k + 1])

@@ -278,10 +278,10 @@ class Simulator:
         m = len(self.mechanism.free)
         start = np.concatenate([start[: 2 * m], np.zeros(len(self.mechanism.states)), start[2 * m :]])
         start = resting_states(self.kernels, start, u, p)
-        count, free = len(self.bristles), np.array([name not in y0 for name in self.bristles], dtype=np.bool_)
-        if free.any():
-            z = start[len(start) - count :]
-            z[free] = steady_bristles(self.kernels, start, u, p, free)[free] if z0 == "steady" else float(z0)
+        free = [name not in y0 for name in self.bristles]
+        if any(free):
+            z = start[len(start) - len(free) :]
+            z[free] = steady_bristles(self.kernels, start, u, p, np.array(free))[free] if z0 == "steady" else float(z0)
         if not np.isfinite(start).all():
             raise UserError("initial state that is not finite", where="y0", received=start.tolist())
         return start

@@ -114,20 +114,18 @@ def observed(
     mechanism, m, count = kernels.mechanism, len(kernels.mechanism.free), len(kernels.mechanism.contacts)
     kernel = pointer(kernels.plain.outputs)
     outputs = _integrator().evaluate_samples(kernel, states, unknowns, path.samples, p, kernels.outputs)
-    v_slip, normal, friction = np.moveaxis(outputs.reshape(len(path.t), count, 3), 2, 0)
+    v_slip, normal, friction = outputs[:, ::3], outputs[:, 1::3], outputs[:, 2::3]
     if not (normal > 0).all():
         raise ContactLost(path.t[int(np.argmin((normal > 0).all(axis=1)))], len(steps))
     q, v, a = states[:, :m], states[:, m : 2 * m], unknowns[:, :m]
     z, zdot = np.zeros((2, len(path.t), count))
-    bristles = len(kernels.bristles)
-    z[:, kernels.bristles] = states[:, states.shape[1] - bristles :]
-    zdot[:, kernels.bristles] = unknowns[:, unknowns.shape[1] - bristles :]
+    for place, k in enumerate(kernels.bristles, -len(kernels.bristles)):
+        z[:, k], zdot[:, k] = states[:, place], unknowns[:, place]
     signals = dict(recorded.signals)
     for j, c in enumerate(mechanism.free):
         signals.update(zip(c.signals, (q[:, j], v[:, j], a[:, j]), strict=True))
     at_contacts = (z, zdot, v_slip, normal, friction)
-    z, zdot, v_slip, normal, friction = (values[:, 0] if count == 1 else values for values in at_contacts)
-    names = tuple(contact.name for contact in mechanism.contacts)
+    z, zdot, v_slip, normal, friction = (values[:, 0] for values in at_contacts) if count == 1 else at_contacts
     return Simulation(
-        path.t, q, v, a, z, zdot, v_slip, normal, friction, signals, steps, states, unknowns, contacts=names
+        path.t, q, v, a, z, zdot, v_slip, normal, friction, signals, steps, states, unknowns, contacts=kernels.contacts
     )

@@ -132,7 +132,7 @@ class Mechanism(Shown):
                             allowed="a system with one contact here", fix="choose such a system")  # fmt: skip
         return self.contacts[0]
 
-    @property
+    @cached_property
     def bristles(self) -> tuple[ContactFriction, ...]:
         """The contacts with a bristle state, of the law or of an effect."""
         return tuple(contact for contact in self.contacts if contact.memory)
@@ -142,7 +142,7 @@ class Mechanism(Shown):
         """Whether there is a bristle state."""
         return bool(self.bristles)
 
-    @property
+    @cached_property
     def states(self) -> tuple[State, ...]:
         """Further states, of effects, contact by contact."""
         return tuple(state for contact in self.contacts for state in contact.states)
