@@ -182,10 +182,10 @@ def _ringing(problem: Problem, sigmas: Mapping[str, float], best: Found, anew: b
     for start in find_start(problem, width=0.0)[:1] if anew else []:
         there = _begun(problem, start.state.u)
         begun += [] if there is None else [(*there, [0.0])]
-    if "sigma_0" in problem.names:
+    for k in (k for k, name in enumerate(problem.names) if name.rpartition(".")[2] == "sigma_0"):
         for factor in STIFFNESSES:
             u = best[0].state.u.copy()
-            u[problem.names.index("sigma_0")] += np.log(factor)
+            u[k] += np.log(factor)
             begun.append((State(np.clip(u, *limits), best[0].state.locals, ()), best[1], widths[-NEXT:]))
 
     def followed(k: int) -> Solution | None:
