@@ -76,7 +76,7 @@ class OnlineEstimator:
             identification, counts in the interval.
 
     Raises:
-        UserError: an unknown parameter or one without value, an effect on sensors.
+        UserError: an unknown parameter or one without value, an effect on sensors, several contacts.
     """
 
     def __init__(
@@ -88,6 +88,7 @@ class OnlineEstimator:
         share: float = SHARES[0],
         covariance: np.ndarray | None = None,
     ):
+        _ = mechanism.only  # one friction force is estimated
         check_sensors(mechanism)
         self.mechanism, self.tuning, self.adapt, self.share = mechanism, tuning, dict(adapt or {}), float(share)
         self.kernels = Kernels(mechanism)

@@ -1,5 +1,6 @@
 """The systems. A new system is one file, one YAML in conf/system and one line here."""
 
+from ..system import System
 from .cartpole import CartPole
 from .damper import Damper
 from .double_pendulum import DoublePendulum
@@ -11,21 +12,9 @@ from .pob_hinge import PendulumOnBoxWithHinge
 from .sdob import SpringDamperOnBox
 from .two_mass import TwoMassDrive
 
-SYSTEMS = {
-    system.name: system
-    for system in (
-        PendulumOnBox,
-        SpringDamperOnBox,
-        Drive,
-        Pendulum,
-        Joint,
-        Damper,
-        PendulumOnBoxWithHinge,
-        CartPole,
-        DoublePendulum,
-        TwoMassDrive,
-    )
-}
+SYSTEMS: dict[str, type[System]] = {}
+SYSTEMS |= {kind.name: kind for kind in (PendulumOnBox, SpringDamperOnBox, Drive, Pendulum, Joint, Damper)}
+SYSTEMS |= {kind.name: kind for kind in (PendulumOnBoxWithHinge, CartPole, DoublePendulum, TwoMassDrive)}
 
 __all__ = [
     "SYSTEMS",
