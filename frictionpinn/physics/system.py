@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from types import SimpleNamespace
 
-import numpy as np
 import sympy as sp
 
 from ..errors import UserError, nearest
 from .base import TIME, Parameter
+from .declarations import Coordinate, FrictionalContact, Input, check_imposed, check_value, checked_driven
 
 __all__ = ["TIME", "Coordinate", "FrictionalContact", "Input", "System"]
 
@@ -19,58 +18,6 @@ __all__ = ["TIME", "Coordinate", "FrictionalContact", "Input", "System"]
 OF_ONE_CONTACT = ("v_slip", "N", "jacobian", "slip_position", "a_slip", "a_frictionless", "friction_implied", "_views")
 
 _simplified = lru_cache(maxsize=1024)(sp.simplify)  # systems of one kind derive the same equations again and again
-
-
-@dataclass(frozen=True)
-class Coordinate:
-    """A generalised coordinate and the signals that measure it.
-
-    Attributes:
-        signals: names of position, velocity and acceleration in a recording, ("x", "v", "a").
-        units: their SI units.
-        constrained: held at zero by the contact; its equation of motion gives the normal force.
-    """
-
-    name: str
-    signals: tuple[str, str, str] = ("", "", "")
-    units: tuple[str, str, str] = ("m", "m/s", "m/s^2")
-    constrained: bool = False
-
-    @cached_property
-    def symbols(self) -> tuple[sp.Symbol, sp.Symbol, sp.Symbol]:
-        """Symbols of position, velocity and acceleration."""
-        q, qd, qdd = sp.symbols(f"{self.name} {self.name}_dot {self.name}_ddot", real=True)
-        return q, qd, qdd
-
-
-@dataclass(frozen=True)
-class Input:
-    """A measured or prescribed generalised force: signal name, SI unit, and what it is."""
-
-    name: str
-    unit: str
-    text: str
-
-    @property
-    def symbol(self) -> sp.Symbol:
-        """The symbol that stands for it."""
-        return sp.Symbol(f"{self.name}_in", real=True)
-
-
-@dataclass(frozen=True)
-class FrictionalContact:
-    """A place where friction acts.
-
-    Attributes:
-        name: empty where the system has no other.
-        force_unit, slip_unit: SI units of the friction force and of slip ("N*m" and "rad" for a joint).
-        text: what it is.
-    """
-
-    name: str
-    force_unit: str = "N"
-    slip_unit: str = "m"
-    text: str = ""
 
 
 class System:
@@ -127,73 +74,19 @@ class System:
             )
         self.contacts = self.contacts or (FrictionalContact("", self.force_unit, self.slip_unit),)
         self.equations = equations
-        self.driven = self.driven if driven is None else self._checked_driven(driven)
+        self.driven = self.driven if driven is None else checked_driven(self, driven)
         self.values = {par.name: par.value for par in self.parameters}
         for name, value in values.items():
-            self._check(name, value)
+            check_value(self, name, value)
             self.values[name] = float(value)
         self.imposed = bool(imposed)
         if self.imposed and not type(self).massless:
-            self._check_imposed()
+            check_imposed(self)
             self.massless = True
 
     def __repr__(self) -> str:
         values = ", ".join(f"{par.name} = {self.values[par.name]:g} {par.unit}" for par in self.parameters)
         return f"{self.name}, {self.title}: {values}"
-
-    def _check_imposed(self) -> None:
-        """Raise :class:`UserError` where the input is not a force along the slip of the only coordinate."""
-        several = len(self.moving) > 1 or len(self.contacts) > 1
-        for c in self.moving:
-            u = self.inputs[0].symbol if len(self.inputs) == 1 else sp.Integer(0)
-            if several or sp.diff(self.residual(c), u) != -1 or self.jacobian[c.name] != 1:
-                raise UserError(
-                    f"the motion of system {self.name} cannot be imposed",
-                    where="system.imposed",
-                    received=True,
-                    allowed="false; true for one coordinate that one measured force moves",
-                    fix="leave system.imposed at false",
-                )
-
-    def _check(self, name: str, value: float) -> None:
-        table = {par.name: par for par in self.parameters}
-        where = f"system.parameters.{name}"
-        if name not in table:
-            raise UserError(
-                f"unknown parameter of system {self.name}",
-                where=where,
-                received=value,
-                allowed=", ".join(table),
-                fix=nearest(name, table) or "use one of the allowed names",
-            )
-        par = table[name]
-        try:
-            massless = float(value) == 0 and "kg" in par.unit
-            inside = par.low <= float(value) <= par.high and not massless and np.isfinite(float(value))
-            inside = inside and not isinstance(value, bool)
-        except (TypeError, ValueError):
-            inside = False
-        if not inside:
-            raise UserError(
-                f"{par.text} out of its physical range",
-                where=where,
-                received=f"{value} {par.unit}",
-                allowed=f"{par.low:g} to {par.high:g} {par.unit}" + (" (not 0)" if "kg" in par.unit else ""),
-                fix="give the measured value in SI units",
-            )
-
-    def _checked_driven(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        valid = [c.name for c in self.moving]
-        for name in (names,) if isinstance(names, str) else names:
-            if isinstance(names, str) or name not in valid:
-                raise UserError(
-                    "not a list of coordinates",
-                    where="system.driven",
-                    received=repr(names),
-                    allowed=", ".join(valid),
-                    fix=nearest(name, valid) or "give a list of these names",
-                )
-        return tuple(names)
 
     # what a subclass says ------------------------------------------------------------------------------------
     def kinetic(self, s: SimpleNamespace, p: SimpleNamespace) -> sp.Expr:
