@@ -58,3 +58,12 @@ def test_the_example_of_online_use_runs_as_printed(capsys):
     shown = re.search(r"(\S+) N, (\S+) to (\S+); mu_c (\S+)", capsys.readouterr().out)
     force, low, high, mu_c = (float(number) for number in shown.groups())
     assert low <= force <= high and abs(mu_c / 3.0 - 1) < 0.05
+
+
+def test_the_example_of_two_contacts_runs_as_printed(capsys):
+    space = {}
+    for text in blocks("python", "TwoBoxes" in text):
+        exec(text, space)
+    fitted, truth, shown = space["fitted"], space["truth"], capsys.readouterr().out
+    assert fitted.outcome == "converged" and "back.asymmetry" in shown and "least standard errors" in shown
+    assert all(fitted.ci95[name][0] < value < fitted.ci95[name][1] for name, value in truth.items())
