@@ -1,6 +1,7 @@
 """Friction of two contacts identified at once: error over the Cramer-Rao bound, and coverage of the intervals.
 
     python benchmarks/contacts.py --systems pob_hinge cartpole --draws 20
+    python benchmarks/contacts.py --report       # of the draws that were made so far
 
 The trials of a system's own file that are not held out, 5 % noise on every signal, LuGre at both contacts, nothing
 fixed but alpha. Each draw of the noise is identified from the recording alone; the bound is that at the truth, which
@@ -71,6 +72,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--systems", nargs="+", default=["pob_hinge", "cartpole"])
     parser.add_argument("--draws", type=int, default=20)
+    parser.add_argument("--report", action="store_true")
     args = parser.parse_args()
     path, lines = RESULTS / "contacts.json", []
     kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
@@ -79,10 +81,10 @@ def main() -> None:
         least = bound(mechanism, GaussianNoise(NOISE)(recording, 0), truth).std
         draws = kept.setdefault(name, {})
         for seed in range(args.draws):
-            if str(seed) not in draws:
+            if str(seed) not in draws and not args.report:
                 draws[str(seed)] = identified(mechanism, recording, seed)
                 path.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-        made = [draws[str(seed)] for seed in range(args.draws)]
+        made = [draws[str(seed)] for seed in range(args.draws) if str(seed) in draws]
         lines += summary(name, truth, least, made)
         print("\n".join(lines[-len(least) - 4 :]), flush=True)
     (RESULTS / "contacts.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")

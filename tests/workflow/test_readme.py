@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import sys
 
-from documented import PAGES, ROOT, block
+from documented import PAGES, ROOT, block, blocks
 
 from frictionpinn.physics import SYSTEMS
 
@@ -62,7 +62,7 @@ def test_the_example_of_online_use_runs_as_printed(capsys):
 
 def test_the_example_of_two_contacts_runs_as_printed(capsys):
     space = {}
-    for text in blocks("python", "TwoBoxes" in text):
+    for text in blocks("python", "TwoBoxes"):
         exec(text, space)
     fitted, truth, shown = space["fitted"], space["truth"], capsys.readouterr().out
     assert fitted.outcome == "converged" and "back.asymmetry" in shown and "least standard errors" in shown
