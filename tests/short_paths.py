@@ -31,9 +31,12 @@ PATHS = {
     "joint": {"tau": 6 * sp.sin(7 * TIME)},
     "damper": {"x": 0.01 * sp.sin(9 * TIME)},
 }
+TRUTH = {}  # of a system that was added
 for name in SYSTEMS.keys() - PATHS.keys():  # of a system that was added: its own first trial
     conf = Path(__file__).resolve().parents[1] / "conf" / "system" / f"{name}.yaml"
-    trial = yaml.safe_load(conf.read_text(encoding="utf-8"))["simulate"]["trials"][0]
+    own = yaml.safe_load(conf.read_text(encoding="utf-8"))["simulate"]
+    trial, TRUTH[name] = own["trials"][0], own["truth"]
     driven = {*SYSTEMS[name].driven, *(item.name for item in SYSTEMS[name].inputs)}
     PATHS[name] = {key: parse_expression(str(text), key, {}) for key, text in trial.items() if key in driven}
-ALL = [(system, law) for system in SYSTEMS for law in LAWS]
+EVERY = [(system, law) for system in SYSTEMS for law in LAWS]
+ALL = [(system, law) for system, law in EVERY if not SYSTEMS[system].contacts]  # those with one contact

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from ..errors import UserError, choose
 from ..physics import EFFECTS, LAWS, SYSTEMS, Effect, FrictionLaw, System, extensions
 from ..physics.effects import applicable
+from ..physics.friction import CONTACT_LAWS
 from ..physics.mechanism import Mechanism
 from ..show import Table, readable_unit
 
@@ -98,14 +100,17 @@ def made_system(given: System | str, where: str) -> System:
 
 
 def mechanism(
-    system: System | str, friction: FrictionLaw | str = "lugre", effects: Iterable[Effect | str] = ()
+    system: System | str,
+    friction: FrictionLaw | str | Mapping[str, FrictionLaw | str] = "lugre",
+    effects: Iterable[Effect | str] = (),
 ) -> Mechanism:
     """A system with a friction law, and effects that belong to it: the model that is fitted and diagnosed.
 
     Args:
         system: from :func:`system`, or its name for default values.
-        friction: a law by name, see :func:`laws`, or one of your own.
-        effects: by name, see :func:`effects`, or your own.
+        friction: a law by name, see :func:`laws`, or one of your own; on a system with several contacts one for all, or
+            one for each by its name, "none" included.
+        effects: by name, see :func:`effects`, or your own; with several contacts "asymmetry@hinge".
 
     Raises:
         UserError: an unknown name; effects that cannot act there.
@@ -114,12 +119,21 @@ def mechanism(
         >>> import frictionpinn as fp
         >>> fp.mechanism("drive", "coulomb_viscous", ["drag"]).name
         'drive+coulomb_viscous+drag'
+        >>> fp.mechanism("cartpole", {"rail": "lugre", "bearing": "none"}).name
+        'cartpole+lugre@rail+none@bearing'
     """
     made = made_system(system, "system")
-    law = choose(friction, LAWS, "friction")() if isinstance(friction, str) else friction
+    if isinstance(friction, Mapping):
+        laws = {name: _law(item, CONTACT_LAWS, f"friction.{name}") for name, item in friction.items()}
+        return Mechanism(made, laws, tuple(effects))  # type: ignore[arg-type]
+    return Mechanism(made, _law(friction, LAWS, "friction"), tuple(effects))  # type: ignore[arg-type]
+
+
+def _law(given: object, known: dict[str, Any], where: str) -> FrictionLaw:
+    law = choose(given, known, where)() if isinstance(given, str) else given
     if not isinstance(law, FrictionLaw):
-        raise UserError("not a FrictionLaw", where="friction", received=repr(law), allowed="a name, or an object")
-    return Mechanism(made, law, tuple(effects))  # type: ignore[arg-type]
+        raise UserError("not a FrictionLaw", where=where, received=repr(law), allowed="a name, or an object")
+    return law
 
 
 def _first_sentence(kind: type) -> str:

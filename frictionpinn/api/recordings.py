@@ -14,6 +14,7 @@ from ..data.recording import Recording
 from ..data.simulated import check_truth, simulate_trials
 from ..errors import UserError, nearest
 from ..physics import System
+from ..physics.contacts import by_parameter
 from ..physics.mechanism import Mechanism
 from ..show import Shown, Table, readable_unit
 from ..workflow.build import build_recording
@@ -95,8 +96,9 @@ def simulate(
           v       m/s   -0.3374   0.3374
           a       m/s²  -4.254    2.876
     """
-    check_truth(mechanism, truth)
-    clean = simulate_trials(mechanism, truth, trials, float(rate_hz))
+    values = by_parameter(truth, mechanism.law)
+    check_truth(mechanism, values)
+    clean = simulate_trials(mechanism, values, trials, float(rate_hz))
     return (noise if isinstance(noise, Noise) else GaussianNoise(float(noise)))(clean, seed)
 
 

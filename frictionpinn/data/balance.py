@@ -187,8 +187,11 @@ def _width(system: System, trials: Sequence[Sampled], sigmas: dict[str, float]) 
 def _rows(system: System, forces: tuple[str, ...] = ()) -> Callable[[Sequence[Motion]], Balance | None] | None:
     """The regression of the first coordinate on which friction acts, as a function of motions.
 
-    ``forces`` are parameters to fit with it, linear in the equation.
+    ``forces`` are parameters to fit with it, linear in the equation. None with several contacts: one equation does not
+    tell what each of them does.
     """
+    if len(system.contacts) > 1:
+        return None
     acting = [c for c in system.moving if system.jacobian[c.name] != 0 and c.name not in system.driven]
     if not acting:
         return None

@@ -87,7 +87,7 @@ def _moves_while(name: str, end: float, companion: str, trials: Sequence[Sampled
 
 def slip_findings(system: System, trials: Sequence[Sampled], sigmas: dict[str, float]) -> list[Finding]:
     """Nothing moves where the friction acts: as far as the noise shows."""
-    slipping = [c for c in system.moving if system.jacobian[c.name] != 0]
+    slipping = [c for c in system.moving if any(at.jacobian[c.name] != 0 for at in system.each)]
     told: list[str] = []
     for c in slipping:
         present = [(k, name) for k, name in enumerate(c.signals) if name in sigmas]

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UserError, choose, nearest
+from ..errors import UserError, nearest
 from ..numerics.paths import InputPath
 from ..numerics.session import Session
 from ..numerics.simulate import Simulator
-from ..physics import LAWS, System
+from ..physics import System
+from ..physics.contacts import by_parameter, law_named
 from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
 from .excitation import parse_expression
@@ -23,8 +24,8 @@ _OWN_KEYS = ("name", "duration", "initial", "constants", "start")
 
 def simulate_recording(
     system: System,
-    friction: str,
-    truth: Mapping[str, float],
+    friction: str | Mapping[str, str],
+    truth: Mapping[str, Any],
     trials: Sequence[Mapping[str, Any]],
     rate_hz: float,
     effects: Sequence[str | Effect] = (),
@@ -33,8 +34,9 @@ def simulate_recording(
 
     Args:
         system: the mechanism's system, with its parameters' values.
-        friction: name of the friction law that acts.
+        friction: name of the friction law that acts; with several contacts one for all, or one for each by its name.
         truth: parameters of the law and of the effects, SI units; an effect whose strength is not given does nothing.
+            With several contacts ``{"hinge": {"mu_c": 0.1}}``, see :func:`frictionpinn.physics.contacts.by_parameter`.
         trials: each has ``duration`` (s), an expression of time for every driven coordinate (its position) and, where
             there are any, inputs; optionally ``initial`` (state name -> value), ``constants``, ``name``, and ``start``,
             its time in the session (s): without it, it begins where the one before it ended.
@@ -43,15 +45,16 @@ def simulate_recording(
 
     Returns:
         Recording with every coordinate's position, velocity and acceleration and the inputs used; ``truth`` holds
-        friction_force, normal_force, v_slip, z and z_rate.
+        friction_force, normal_force, v_slip, z and z_rate, with several contacts ``hinge.friction_force``.
 
     Raises:
         UserError: an unknown signal, a missing path, parameters out of range, contact lost.
     """
-    law = choose(friction, LAWS, "data.friction")()
+    law = law_named(friction, "data.friction")
     mechanism = Mechanism(system, law, tuple(effects))  # type: ignore[arg-type]
-    check_truth(mechanism, truth)
-    return simulate_trials(mechanism, truth, trials, rate_hz)
+    values = by_parameter(truth, mechanism.law)
+    check_truth(mechanism, values)
+    return simulate_trials(mechanism, values, trials, rate_hz)
 
 
 def simulate_trials(
@@ -150,13 +153,11 @@ def _trial(
     run = simulator.simulate(t, path, truth, initial, z0="steady")
     unused = {name for name in inputs if name not in expressions}
     signals = {name: values for name, values in run.signals.items() if name not in unused}
-    truth_signals = {
-        "friction_force": run.F,
-        "normal_force": run.N,
-        "v_slip": run.v_slip,
-        "z": run.z,
-        "z_rate": run.zdot,
-    }
+    truth_signals: dict[str, np.ndarray] = {}
+    for contact in run.contacts:
+        at, prefix = run.at(contact), f"{contact}." if contact else ""
+        values = {"friction_force": at.F, "normal_force": at.N, "v_slip": at.v_slip, "z": at.z, "z_rate": at.zdot}
+        truth_signals |= {f"{prefix}{name}": value for name, value in values.items()}
     if mechanism.system.massless and not mechanism.effects:  # the measured force of a test bench is the friction force
         signals[inputs[0]] = run.F
     return Trial(str(spec.get("name", k + 1)), t, signals, truth_signals, start, k + 1)

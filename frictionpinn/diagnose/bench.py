@@ -127,7 +127,7 @@ class Bench:
         stroke = self.problem.scales.sizes.scales["stroke"][1]
         return tuple(
             replace(model, simulator=simulator, states=(*model.states, "z"), start=model.start | {"z": 0.0},
-                    force_scale=0.25 * stroke)
+                    force_scales={"z": 0.25 * stroke})
             for model in models
         )  # fmt: skip
 

@@ -15,7 +15,7 @@ from ..numerics.simulate import ContactLost, SimulationFailed
 from ..physics.mechanism import Mechanism
 from ..show import Shown, Table
 from .problem import Problem
-from .result import HINTS, VARY, correlation_of, plain, sentences
+from .result import VARY, correlation_of, hints_of, plain, sentences
 from .solve import reduced
 from .space import Space
 from .uncertainty import covariance_of, untold
@@ -66,9 +66,9 @@ class Bound(Shown):
     @property
     def advice(self) -> tuple[str, ...]:
         """Sentences on what these data cannot tell or not separate."""
-        hidden = [name for name, s in self.std.items() if not np.isfinite(s)]
-        told = [f"{name} does not show in these data: {HINTS.get(name, VARY)}" for name in hidden]
-        return (*told, *sentences(self.names, np.nan_to_num(self.correlation), HINTS))
+        hidden, hints = [name for name, s in self.std.items() if not np.isfinite(s)], hints_of(self.names)
+        told = [f"{name} does not show in these data: {hints.get(name, VARY)}" for name in hidden]
+        return (*told, *sentences(self.names, np.nan_to_num(self.correlation), hints))
 
     def tables(self) -> list[Table]:
         """Least standard errors, absolute and relative; below, what these data cannot tell."""

@@ -127,11 +127,11 @@ def trial_model(
             first[name] = float(np.linalg.lstsq(design, y, rcond=None)[0][0]), float(sigmas[name] * spread)
         (position, _), (velocity, error) = first.values()
         start |= {c.signals[0]: position, c.signals[1]: velocity if not rest and abs(velocity) > REST * error else 0.0}
-    if mechanism.memory and not rest:
-        start["z"] = 0.0
+    if not rest:
+        start |= dict.fromkeys(simulator.bristles, 0.0)
     positions = [c.signals[0] for c in mechanism.free]
     y = measured(tuple(channels.outputs))
-    if not mechanism.law.memory:
+    if not all(contact.law.memory for contact in mechanism.contacts):
         for row, name in zip(y, channels.outputs, strict=True):
             if name in {c.signals[2] for c in mechanism.free}:
                 row[beside_jumps(row, sigmas[name])] = np.nan

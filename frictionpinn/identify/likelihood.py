@@ -137,8 +137,7 @@ def minima_around(
     errors = vectors / np.sqrt(np.maximum(values, 1.0))  # what is hardly told is moved by a factor e
     directions = np.random.default_rng(0).standard_normal((len(KICKS), len(values)))
     steps = [(kick * errors @ z, widths[-1:]) for kick, z in zip(KICKS, directions, strict=True)]
-    if "sigma_0" in problem.names:
-        at = np.array([name == "sigma_0" for name in problem.names])
+    for at in np.eye(len(values))[[name.rpartition(".")[2] == "sigma_0" for name in problem.names]]:
         steps += [(np.log(factor) * at, widths[-2:]) for factor in STIFFNESSES]
 
     def followed(k: int) -> Solution | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import sympy as sp
@@ -17,7 +17,8 @@ from ..numerics.smoothing import Coordinate
 from ..numerics.spline_basis import smooth_together
 from ..physics.mechanism import Mechanism
 from ..physics.scan import DECADES, data_scales
-from ..physics.sizes import Sizes
+from ..physics.sizes import Sizes, SizesByContact
+from ..physics.system import System
 from .trial import TrialModel
 
 CLEAR = 4.0  # and of the velocity's noise, in standard deviations
@@ -33,31 +34,48 @@ class Motion:
     Attributes:
         model: the trial.
         signals: name -> samples, shape (n,), SI units: free and driven coordinates and inputs.
-        v_slip: slip velocity, shape (n,).
-        fast: samples that slide for certain, shape (n,), bool.
+        slips: contact -> slip velocity, shape (n,).
+        fast: samples at which every contact slides for certain, shape (n,), bool.
+        pace: slip velocity, shape (n,); with several contacts the least of them, in units of what is usual there.
     """
 
     model: TrialModel
     signals: dict[str, np.ndarray]
-    v_slip: np.ndarray
+    slips: dict[str, np.ndarray]
     fast: np.ndarray
+    pace: np.ndarray
+
+    @property
+    def v_slip(self) -> np.ndarray:
+        """Slip velocity at the only contact, shape (n,)."""
+        (v_slip,) = self.slips.values()
+        return v_slip
+
+    def at(self, contact: str) -> Motion:
+        """The motion as one contact sees it."""
+        return replace(self, slips={contact: self.slips[contact]})
+
+    @property
+    def _system(self) -> System:
+        (contact,) = self.slips
+        return self.model.simulator.mechanism.system.at(contact)
 
     @property
     def edges(self) -> list[int]:
         """Samples between which a window holds one stretch of low speed: peaks of the slip velocity, and the ends."""
-        speed, last = np.abs(self.v_slip), len(self.v_slip) - 1
+        speed, last = np.abs(self.pace), len(self.pace) - 1
         peaks, _ = find_peaks(np.where(self.fast, speed, 0.0), distance=SHORTEST_WINDOW)
         return [0, *(int(k) for k in peaks if SHORTEST_WINDOW <= k <= last - SHORTEST_WINDOW), last]
 
     @property
     def normal(self) -> np.ndarray:
         """Normal force, shape (n,), as far as the motion tells it."""
-        return self._samples(self.model.simulator.mechanism.system.N)
+        return self._samples(self._system.N)
 
     @property
     def position(self) -> np.ndarray:
         """Slip position, shape (n,); the integral of the slip velocity where no expression gives it."""
-        position = self.model.simulator.mechanism.system.slip_position
+        position = self._system.slip_position
         if position is None:
             return cumulative_trapezoid(self.v_slip, self.model.t, initial=0.0)
         return self._samples(position)
@@ -84,12 +102,23 @@ def smoothed(mechanism: Mechanism, models: Sequence[TrialModel], sigmas: Mapping
         ]
         for own, smooth in zip(signals, smooth_together(data, [sigmas.get(name) for name in c.signals]), strict=True):
             own.update(zip(c.signals, smooth[:3], strict=True))
-    v_slip, typical = motion_function(mechanism.system, mechanism.system.v_slip), _typical(mechanism)
-    slips = [v_slip(own, typical) for own in signals]
-    largest = max(float(np.quantile(np.abs(v), 0.99)) for v in slips)
+    typical = _typical(mechanism)
+    slips = [{contact.name: _slip(contact.system)(own, typical) for contact in mechanism.contacts} for own in signals]
     noise = max([sigmas[c.signals[1]] for c in mechanism.free if c.signals[1] in sigmas], default=0.0)
-    threshold = max(SLIDING * largest, min(CLEAR * noise, 0.5 * largest))
-    return [Motion(m, own, v, np.abs(v) > threshold) for m, own, v in zip(models, signals, slips, strict=True)]
+    fast, paces = [np.ones(len(model.t), bool) for model in models], [np.full(len(m.t), np.inf) for m in models]
+    for contact in mechanism.contacts:
+        largest = max(float(np.quantile(np.abs(v[contact.name]), 0.99)) for v in slips)
+        threshold = max(SLIDING * largest, min(CLEAR * noise, 0.5 * largest))
+        for k, v in enumerate(slips):
+            own = v[contact.name] if len(v) == 1 else v[contact.name] / (largest or 1.0)
+            fast[k] &= np.abs(v[contact.name]) > threshold
+            paces[k] = np.where(np.abs(own) < np.abs(paces[k]), own, paces[k])
+    parts = zip(models, signals, slips, fast, paces, strict=True)
+    return [Motion(*part) for part in parts]
+
+
+def _slip(system: System):
+    return motion_function(system, system.v_slip)
 
 
 @dataclass(frozen=True)
@@ -98,13 +127,13 @@ class Scales:
 
     Attributes:
         start: name -> start value of the free parameters, SI units.
-        mass: that the contact feels; None where no inertia takes part.
+        masses: contact -> mass that it feels; None where no inertia takes part.
         sizes: how large parameters are on this data.
         alone: name -> what mu_c or sigma_2 would be if it made all the friction.
     """
 
     start: dict[str, float]
-    mass: float | None
+    masses: dict[str, float | None]
     sizes: Sizes
     alone: dict[str, float]
 
@@ -120,41 +149,50 @@ class Scales:
         known = _typical(mechanism) | dict(fixed)
         found = _sliding_regression(mechanism, motions, known, names)
         known |= found
-        mass = _effective_mass(mechanism, motions, known)
-        slips = [motion.v_slip for motion in motions]
-        velocity = float(np.sqrt(np.mean(np.concatenate(slips) ** 2))) or 1.0
-        rates = np.concatenate([np.gradient(motion.v_slip, motion.model.t) for motion in motions])
-        acceleration = float(np.sqrt(np.mean(rates**2))) or 1.0
-        load = max(float(np.mean([np.mean(np.abs(motion.normal)) for motion in motions])), 1e-12)
-        shares = {name: unit for name, unit in (("mu_c", load), ("sigma_2", velocity)) if name in found}
-        largest = max((found[name] * unit for name, unit in shares.items()), default=0.0)
-        alone = {name: largest / unit for name, unit in shares.items()}
-        found |= {name: max(found[name], WEAKEST * value) for name, value in alone.items()}
-        mu_c = found.get("mu_c", known.get("mu_c", 1.0))
-        force = mu_c * load
-        stiffness = fixed.get("sigma_0", force / (1e-2 * velocity**2 / acceleration))
-        damping = np.sqrt(stiffness * mass) if mass else 1e-2 * stiffness * velocity / acceleration
-        rough = {
-            "mu_c": mu_c, "mu_s": 1.5 * mu_c, "v_s": 0.02 * velocity, "sigma_0": stiffness, "sigma_1": damping,
-            "sigma_2": 0.1 * force / velocity,
-        }  # fmt: skip
-        times, places = [motion.model.t for motion in motions], [motion.position for motion in motions]
-        scales = data_scales(times, places, slips, [np.ones(1) * load])
-        sizes = Sizes(scales, velocity, max(force, largest), mechanism.system.slip_unit == "rad")
+        rough, alone = dict[str, float](), dict[str, float]()
+        masses, sizes = dict[str, float | None](), dict[str, Sizes]()
+        for contact in mechanism.contacts:
+            at, prefix = [motion.at(contact.name) for motion in motions], f"{contact.name}." if contact.name else ""
+            mass = masses[contact.name] = _effective_mass(mechanism, contact.system, motions, known)
+            slips = [motion.v_slip for motion in at]
+            velocity = float(np.sqrt(np.mean(np.concatenate(slips) ** 2))) or 1.0
+            rates = np.concatenate([np.gradient(motion.v_slip, motion.model.t) for motion in at])
+            acceleration = float(np.sqrt(np.mean(rates**2))) or 1.0
+            load = max(float(np.mean([np.mean(np.abs(motion.normal)) for motion in at])), 1e-12)
+            units = {f"{prefix}mu_c": load, f"{prefix}sigma_2": velocity}
+            shares = {name: unit for name, unit in units.items() if name in found}
+            largest = max((found[name] * unit for name, unit in shares.items()), default=0.0)
+            alone |= {name: largest / unit for name, unit in shares.items()}
+            found |= {name: max(found[name], WEAKEST * alone[name]) for name in shares}
+            mu_c = found.get(f"{prefix}mu_c", known.get(f"{prefix}mu_c", 1.0))
+            force = mu_c * load
+            stiffness = fixed.get(f"{prefix}sigma_0", force / (1e-2 * velocity**2 / acceleration))
+            damping = np.sqrt(stiffness * mass) if mass else 1e-2 * stiffness * velocity / acceleration
+            own = {
+                "mu_c": mu_c, "mu_s": 1.5 * mu_c, "v_s": 0.02 * velocity, "sigma_0": stiffness, "sigma_1": damping,
+                "sigma_2": 0.1 * force / velocity,
+            }  # fmt: skip
+            rough |= {f"{prefix}{name}": value for name, value in own.items()}
+            times, places = [motion.model.t for motion in at], [motion.position for motion in at]
+            scales = data_scales(times, places, slips, [np.ones(1) * load])
+            turns = contact.system.slip_unit == "rad"
+            sizes[contact.name] = Sizes(scales, velocity, max(force, largest), turns)
+        first, *others = sizes.values()
+        whole = SizesByContact(**vars(first), contacts=sizes) if others else first
         declared = {par.name for par in (*mechanism.system.parameters, *mechanism.law.parameters)}
         for effect in mechanism.effects:
-            own = effect.parameters_on(mechanism.system, mechanism.law)
-            shaped = any(par.hidden and par.name in names for par in own)
-            for par in own:
+            pars = effect.parameters_on(mechanism.system, mechanism.law)
+            shaped = any(par.hidden and par.name in names for par in pars)
+            for par in pars:
                 if par.name in declared or par.name not in names:
                     continue
                 if par.scan is not None and par.hidden:
-                    rough[par.name] = sizes.middle(par.scan)
+                    rough[par.name] = whole.at(par.name).middle(par.scan)
                 elif par.neutral is None:
                     rough[par.name] = float(par.value or 1.0)
                 else:
-                    rough[par.name] = par.neutral + (NUDGE * sizes.of(par) if shaped and not par.hidden else 0.0)
-        return cls({name: float(found.get(name, rough.get(name, known[name]))) for name in names}, mass, sizes, alone)
+                    rough[par.name] = par.neutral + (NUDGE * whole.of(par) if shaped and not par.hidden else 0.0)
+        return cls({name: float(found.get(name, rough.get(name, known[name]))) for name in names}, masses, whole, alone)
 
 
 def default_bounds(
@@ -170,11 +208,12 @@ def default_bounds(
         par = table[name]
         if given.get(name) is not None:
             continue
+        own = name.rpartition(".")[2]
         if par.hidden and par.scan is not None:
-            result[name] = scales.sizes.ends(par.scan)
+            result[name] = scales.sizes.at(name).ends(par.scan)
         elif par.low >= 0 and par.neutral is None:
-            factor, least = 10**DECADES if name in wide else 10.0, max(par.low, 1e-12)
-            low = min(max(abs(value) / (100.0 if name == "mu_c" else factor), least), 0.5 * par.high)
+            factor, least = 10**DECADES if own in wide else 10.0, max(par.low, 1e-12)
+            low = min(max(abs(value) / (100.0 if own == "mu_c" else factor), least), 0.5 * par.high)
             low = par.low if par.absent else low
             high = max(abs(value) * factor, 10 * low, 10 * scales.alone.get(name, 0.0))
             result[name] = (low, min(high, par.high))
@@ -184,14 +223,17 @@ def default_bounds(
 def _sliding_regression(
     mechanism: Mechanism, motions: Sequence[Motion], values: Mapping[str, float], free: Sequence[str]
 ) -> dict[str, float]:
-    """Least squares on the sliding samples: (E + J (mu_c F_N sign(v) + sigma_2 v + forces of effects)) / inertia = 0.
+    """Least squares on the sliding samples: (E + sum_k J_k (mu_c F_N sign(v) + sigma_2 v + forces of effects)_k)
+    / inertia = 0.
 
     Returns mu_c, sigma_2, parameters of the system and strengths of effects, as far as they are free; the strengths
     whose force follows from the motion alone. ``values`` are all parameters, start values of the free ones.
     """
     system = mechanism.system
     own = {par.name: par.neutral is not None for par in system.parameters}  # forces may be zero or negative
-    names = [n for n in free if n in ("mu_c", "sigma_2") or own.get(n) is False]
+    shares = {"mu_c": 1.0, "sigma_2": 0.1}  # of the friction: what each is guessed to make
+    guessed = {n: shares[n.rpartition(".")[2]] for n in free if n.rpartition(".")[2] in shares}
+    names = [n for n in free if n in guessed or own.get(n) is False]
     if not names or not any(motion.fast.any() for motion in motions):
         return {}
     neutral = {par.symbol: par.neutral for par in mechanism.parameters if par.neutral is not None}
@@ -199,32 +241,46 @@ def _sliding_regression(
     told |= {par.symbol for par in mechanism.parameters if par.name not in free}
     # Strength -> force of one unit that the system's equation does not hold already.
     extra: dict[str, sp.Expr] = {n: sp.Integer(0) for n in free if own.get(n)}
-    for par in mechanism.parameters:
-        if par.neutral is not None and par.name in free and par.name not in own:
-            slope = sp.diff(mechanism.friction, par.symbol).xreplace(neutral)
-            if slope != 0 and slope.free_symbols <= told:
-                extra[par.name] = slope
-    mu, viscous = sp.Symbol("mu_c", real=True), sp.Symbol("sigma_2", real=True)
-    force = mu * system.N * sp.sign(system.v_slip) + viscous * system.v_slip
-    force += sum((sp.Symbol(name, real=True) * slope for name, slope in extra.items()), start=sp.Integer(0))
+    forces: dict[str, sp.Expr] = {}
+    zero: dict[str, float] = {}
+    for contact in mechanism.contacts:
+        at, prefix = contact.system, f"{contact.name}." if contact.name else ""
+        zero |= {f"{prefix}{name}": 0.0 for name in shares}
+        mu, viscous = sp.symbols((f"{prefix}mu_c", f"{prefix}sigma_2"), real=True)
+        force = mu * at.N * sp.sign(at.v_slip) + viscous * at.v_slip
+        for par in mechanism.parameters:
+            if par.neutral is not None and par.name in free and par.name not in own:
+                slope = sp.diff(contact.friction, par.symbol).xreplace(neutral)
+                if slope != 0 and slope.free_symbols <= told:
+                    extra[par.name] = slope
+                    force += par.symbol * slope
+        forces[contact.name] = force
     functions = []
     for c in mechanism.free or tuple(c for c in system.moving if c.name not in system.driven):
-        if system.jacobian[c.name] != 0:
-            balance = system.residual(c) + system.jacobian[c.name] * force
+        along = {contact.name: contact.system.jacobian[c.name] for contact in mechanism.contacts}
+        if any(J != 0 for J in along.values()):
+            balance = system.residual(c) + sum(J * forces[name] for name, J in along.items())
             inertia = sp.diff(balance, c.symbols[2])  # else no masses would balance best
             functions.append(motion_function(system, balance / (inertia if inertia != 0 else 1)))
     stacked = {key: np.concatenate([m.signals[key][m.fast] for m in motions]) for key in motions[0].signals}
-    known = {"mu_c": 0.0, "sigma_2": 0.0} | dict(values) | dict.fromkeys(extra, 0.0)
-    base = functions[0](stacked, known | {"mu_c": 0.0, "sigma_2": 0.0})
-    scale = max(float(np.std(base)), 1e-12)
+    known = zero | dict(values) | dict.fromkeys(extra, 0.0)
+    bases = [function(stacked, known | zero) for function in functions]
+    scales = [max(float(np.std(base)), 1e-12) for base in bases]
     guess = {name: float(known.get(name, 1.0)) for name in names}
-    for name, share in (("mu_c", 1.0), ("sigma_2", 0.1)):
-        if name in names:
-            slope = functions[0](stacked, known | {"mu_c": 0.0, "sigma_2": 0.0, name: 1.0}) - base
-            guess[name] = share * abs(float(slope @ base) / max(float(slope @ slope), 1e-300))
-    whole = functions[0](stacked, known)
-    changes = {name: functions[0](stacked, known | {name: 1.0}) - whole for name in extra}
-    unit = {name: scale / (float(np.sqrt(np.mean(change**2))) or 1.0) for name, change in changes.items()}
+
+    def felt(name: str, base: Sequence[np.ndarray], p: Mapping[str, float]) -> tuple[int, np.ndarray]:
+        """The equation that a parameter changes most, and by what a unit of it does."""
+        changes = [f(stacked, {**p, name: 1.0}) - b for f, b in zip(functions, base, strict=True)]
+        most = int(np.argmax([np.abs(change).max() / scale for change, scale in zip(changes, scales, strict=True)]))
+        return most, changes[most]
+
+    for name, share in guessed.items():
+        k, slope = felt(name, bases, known | zero)
+        guess[name] = share * abs(float(slope @ bases[k]) / max(float(slope @ slope), 1e-300))
+    whole, unit = [function(stacked, known) for function in functions], {}
+    for name in extra:
+        k, change = felt(name, whole, known)
+        unit[name] = scales[k] / (float(np.sqrt(np.mean(change**2))) or 1.0)
 
     def parameters(x: np.ndarray) -> dict[str, float]:
         found = dict(zip(names, np.exp(x[: len(names)]).tolist(), strict=True))
@@ -232,19 +288,21 @@ def _sliding_regression(
 
     def residual(x: np.ndarray) -> np.ndarray:
         p = known | parameters(x)
-        return np.concatenate([function(stacked, p) for function in functions]) / scale
+        return np.concatenate([f(stacked, p) / scale for f, scale in zip(functions, scales, strict=True)])
 
     start = np.append(np.log([max(guess[name], 1e-9) for name in names]), np.zeros(len(extra)))
     bounds = start - 12, start + 8
     return parameters(least_squares(residual, start, loss="soft_l1", f_scale=0.3, max_nfev=60, bounds=bounds).x)
 
 
-def _effective_mass(mechanism: Mechanism, motions: Sequence[Motion], values: Mapping[str, float]) -> float | None:
-    """Mass that the contact feels, (dE/da) / J^2, averaged over the trials; None where no inertia takes part."""
+def _effective_mass(
+    mechanism: Mechanism, at: System, motions: Sequence[Motion], values: Mapping[str, float]
+) -> float | None:
+    """Mass that a contact feels, (dE/da) / J^2, averaged over the trials; None where no inertia takes part."""
     for c in mechanism.free:
-        jacobian = mechanism.system.jacobian[c.name]
+        jacobian = at.jacobian[c.name]
         if jacobian != 0:
-            f = motion_function(mechanism.system, sp.diff(mechanism.system.residual(c), c.symbols[2]) / jacobian**2)
+            f = motion_function(at, sp.diff(at.residual(c), c.symbols[2]) / jacobian**2)
             return float(np.mean([np.mean(f(m.signals, values)) for m in motions]))
     return None
 

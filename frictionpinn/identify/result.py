@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -204,14 +204,18 @@ def verdict(
         at_limit, at_bound: strengths of effects at a physical limit; parameters at a bound that was given.
         memory, white: samples over which residuals stay correlated, and whether they are noise.
     """
-    space, result, hints = problem.space, [], dict(HINTS)
+    space, result = problem.space, []
+    hints = hints_of(space.names)
     for effect in problem.mechanism.effects:
         experiment = effect.said().get("experiment", "").rstrip(".")
         for par in effect.parameters_on(problem.mechanism.system, problem.mechanism.law):
             if experiment:
                 hints.setdefault(par.name, f"record {experiment}")
     slides = any(motion.fast.any() for motion in problem.motions)
-    fastest = max(float(np.abs(motion.v_slip).max()) for motion in problem.motions) if slides else 0.0
+    fastest = {
+        at: max(float(np.abs(motion.slips[at]).max()) for motion in problem.motions) if slides else 0.0
+        for at in problem.motions[0].slips
+    }
     if not slides:
         result.append("the contact hardly slides in this recording: increase the excitation until it does")
     open_ended = False
@@ -236,12 +240,14 @@ def verdict(
         if lower >= 0 and value[name] < MERGED * p[lower]:
             result.append(f"{name} ended at {space.names[lower]}: {FLAT}")
             continue
-        nothing = name in ("mu_c", "sigma_2") and value[name] < 2 * space.low[i]
+        nothing = name.rpartition(".")[2] in ("mu_c", "sigma_2") and value[name] < 2 * space.low[i]
         either = "leave it out: this model wants none" if nothing else "hold it fixed"
         result.append(f"{name} ended at its bound, {value[name]:.3g}: widen bounds.{name}, or {either}")
-    if value.get("v_s", 0.0) > BROAD * fastest > 0:
-        bend = "the Stribeck term bends the whole curve and stands for something else"
-        result.append(f"v_s is as large as the speeds in these data: {bend}; take a law without it")
+    for at, speed in fastest.items():
+        v_s = f"{at}.v_s" if at else "v_s"
+        if value.get(v_s, 0.0) > BROAD * speed > 0:
+            bend = "the Stribeck term bends the whole curve and stands for something else"
+            result.append(f"{v_s} is as large as the speeds in these data: {bend}; take a law without it")
     result += sentences(space.names, np.nan_to_num(correlation_of(covariance)), hints)
     smooth = {name for model in problem.trials for item in model.inputs for name in item.names}
     rough = [name for name in problem.channels.input_names if name in problem.sigmas and name not in smooth]
@@ -258,6 +264,11 @@ def verdict(
     outcome = AT_BOUND if at_bound else UNIDENTIFIED if hidden or open_ended else outcome
     outcome = outcome if slides and len(hidden) < len(p) else NO_EXCITATION
     return outcome, tuple(result)
+
+
+def hints_of(names: Iterable[str]) -> dict[str, str]:
+    """What to record to tell each of these parameters better, those of several contacts too."""
+    return {name: HINTS[own] for name in names if (own := name.rpartition(".")[2]) in HINTS}
 
 
 def sentences(names: tuple[str, ...], correlation: np.ndarray, hints: Mapping[str, str]) -> list[str]:

@@ -177,23 +177,28 @@ class Prior:
         rows: list[np.ndarray] = []
         target: list[float] = []
         about: dict[str, str] = {}
-        for name, spread in SPREADS.items():
-            if name not in space.names or name not in expected:
+        free = [
+            (n, *n.rpartition(".")[::2], spread) for own, spread in SPREADS.items() for n in space.names if _is(n, own)
+        ]
+        for name, contact, own, spread in free:
+            if name not in expected:
                 continue
-            i = space.names.index(name)
+            i, mu_c = space.names.index(name), f"{contact}.mu_c" if contact else "mu_c"
             row, lower = np.zeros(len(space.names)), space.below[i]
             row[i] = 1.0
-            if name == "mu_s" and lower >= 0:
+            if own == "mu_s" and lower >= 0:
                 row[lower], value = -1.0, np.log(EXCESS)
-                about[name] = f"{1 + EXCESS:g} mu_c, its excess over mu_c within a factor of {np.exp(2 * spread):.2g}"
+                about[name] = (
+                    f"{1 + EXCESS:g} {mu_c}, its excess over {mu_c} within a factor of {np.exp(2 * spread):.2g}"
+                )
             else:
-                middle = (1 + EXCESS) * fixed["mu_c"] if name == "mu_s" and "mu_c" in fixed else float(expected[name])
+                middle = (1 + EXCESS) * fixed[mu_c] if own == "mu_s" and mu_c in fixed else float(expected[name])
                 value = np.log(middle)
                 about[name] = f"{middle:.2g}, within a factor of {np.exp(2 * spread):.2g}"
             rows.append(row / spread)
             target.append(value / spread)
-        own = {name: expected[name] for name in SPREADS if name in expected}
-        return cls(np.array(rows).reshape(len(rows), len(space.names)), np.array(target), about, own)
+        kept = {name: value for name, value in expected.items() if any(_is(name, own) for own in SPREADS)}
+        return cls(np.array(rows).reshape(len(rows), len(space.names)), np.array(target), about, kept)
 
     @property
     def information(self) -> np.ndarray:
@@ -203,6 +208,11 @@ class Prior:
     def distance(self, u: np.ndarray) -> np.ndarray:
         """A u - b at u, shape (n,): half its square is what the prior costs."""
         return self.rows @ u - self.target
+
+
+def _is(name: str, own: str) -> bool:
+    """Whether a parameter is this one of a law, at whatever contact: ``hinge.mu_s`` is ``mu_s``."""
+    return name.rpartition(".")[2] == own
 
 
 def _order(mechanism: Mechanism) -> list[tuple[str, str]]:

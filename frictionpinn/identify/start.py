@@ -48,8 +48,7 @@ def windows_of(problem: Problem) -> tuple[TrialModel, ...]:
     A bristle that starts in sliding carries the friction force mu_c F_N, if there is such a start value. It forgets it
     within the first sample, which is left to the window before, and derivatives of a steady start are not needed.
     """
-    mu_c = (problem.fixed | problem.start).get("mu_c")
-    result = []
+    values, result = problem.fixed | problem.start, []
     for motion in problem.motions:
         model, free = motion.model, motion.model.simulator.mechanism.free
         path = model.path(model.local)
@@ -66,9 +65,11 @@ def windows_of(problem: Problem) -> tuple[TrialModel, ...]:
             states = tuple(n for n in states if n in model.outputs or n not in {c.signals[0] for c in free})
             part = slice(i, j + 1)
             y = model.y[:, part].copy()
-            if motion.fast[i] and mu_c and "sigma_0" in model.simulator.parameter_names:
-                start["z"] = mu_c * float(motion.normal[i] * np.sign(motion.v_slip[i]))
-                y[:, 0] = np.nan
+            for z, stiffness in model.bristles if motion.fast[i] else ():
+                at, mu_c = motion.at(z[:-2]), values.get(f"{z[:-1]}mu_c")
+                if mu_c and stiffness in model.simulator.parameter_names:
+                    start[z] = mu_c * float(at.normal[i] * np.sign(at.v_slip[i]))
+                    y[:, 0] = np.nan
             base = InputPath(path.names, model.t[part], path.coefficients[i:j], path.session)
             known = replace(model, base=base, inputs=(), directions=None)
             name = f"{model.trial}[{k}]"
@@ -103,9 +104,9 @@ def find_start(problem: Problem, given: Mapping[str, float] | None = None) -> li
         if there is not None:
             own.append(Solution(there, GIVEN))
     found = search(evaluator, space, locals_, coarse_design(problem), 2, iterations=6, decrease=2.0)
-    if found and {"mu_s", "v_s"} <= set(space.names):
+    if found and (pairs := ridges(space)):
         best = found[0].state
-        grid = ridge_grid(space, best.u, problem.fixed)
+        grid = [u for pair in pairs for u in ridge_grid(space, best.u, problem.fixed, pair)]
         found += search(evaluator, space, best.locals, grid, 2, iterations=15, decrease=0.3)
     return sorted([*own, *found], key=lambda solution: solution.state.cost)
 
@@ -115,21 +116,25 @@ def coarse_design(problem: Problem) -> list[np.ndarray]:
     parameters of effects, which tell little from afar either.
     """
     space, start, fixed = problem.space, problem.start, problem.fixed
-    mass, alone = problem.scales.mass, problem.scales.alone
-    dims = [name for name in (*DESIGNED, *problem.shapes) if name in space.names]
+    masses, alone = problem.scales.masses, problem.scales.alone
+    designed = [full for name in DESIGNED for full in space.names if full.rpartition(".")[2] == name]
+    dims = [*designed, *(name for name in problem.shapes if name in space.names)]
     points = qmc.Sobol(max(len(dims), 1), seed=0).random(DESIGN_POINTS.get(len(dims), MOST_POINTS))
     bounds, signed = space.bounds, [name for name, scale in zip(space.names, space.scales, strict=True) if scale]
-    dry, result = alone.get("mu_c", 0.0), []
+    dry, result = {name: value for name, value in alone.items() if name.rpartition(".")[2] == "mu_c"}, []
     for k, point in enumerate(points):
         p = dict(start)
-        if k % 2 and start.get("mu_c", np.inf) < FEW * dry:  # what looks viscous may be dry friction with drag
-            p["mu_c"] = dry
+        for name, whole in dry.items():
+            if k % 2 and start.get(name, np.inf) < FEW * whole:  # what looks viscous may be dry friction with drag
+                p[name] = whole
         for name, x in zip(dims, point, strict=False):
-            if name == "sigma_1" and mass:
-                stiffness = p.get("sigma_0", fixed.get("sigma_0", 1.0))
+            contact, dot, own = name.rpartition(".")
+            if own == "sigma_1" and (mass := masses.get(contact)):
+                stiffness = p.get(f"{contact}{dot}sigma_0", fixed.get(f"{contact}{dot}sigma_0", 1.0))
                 p[name] = 2 * _between(*DAMPING_RATIO, x) * np.sqrt(stiffness * mass)
-            elif name == "mu_s":
-                p[name] = p.get("mu_c", fixed.get("mu_c", 1.0)) * _between(*STATIC_RATIO, x)
+            elif own == "mu_s":
+                mu_c = f"{contact}{dot}mu_c"
+                p[name] = p.get(mu_c, fixed.get(mu_c, 1.0)) * _between(*STATIC_RATIO, x)
             elif name in signed:
                 p[name] = bounds[name][0] + x * (bounds[name][1] - bounds[name][0])
             else:
@@ -142,13 +147,22 @@ def coarse_design(problem: Problem) -> list[np.ndarray]:
     return [space.to_search(p) for p in result]
 
 
-def ridge_grid(space: Space, u: np.ndarray, fixed: Mapping[str, float]) -> list[np.ndarray]:
-    """Search vectors that differ from u in mu_s / mu_c and v_s."""
-    p = space.named(u)
-    mu_c, speeds = p.get("mu_c", fixed.get("mu_c")), np.geomspace(*space.bounds["v_s"], RIDGE[1])
-    pairs = [(ratio, v_s) for ratio in np.geomspace(*STATIC_RATIO, RIDGE[0]) for v_s in speeds]
-    pairs.append((FLAT_RATIO, p["v_s"]))  # no rise towards rest: a law that has too much
-    return [space.to_search(p | {"mu_s": ratio * mu_c, "v_s": v_s}) for ratio, v_s in pairs]
+def ridges(space: Space) -> list[tuple[str, str]]:
+    """Names of mu_s and v_s of every contact where both are free."""
+    pairs = [(name, f"{name[:-4]}v_s") for name in space.names if name.rpartition(".")[2] == "mu_s"]
+    return [pair for pair in pairs if pair[1] in space.names]
+
+
+def ridge_grid(
+    space: Space, u: np.ndarray, fixed: Mapping[str, float], pair: tuple[str, str] = ("mu_s", "v_s")
+) -> list[np.ndarray]:
+    """Search vectors that differ from u in mu_s / mu_c and v_s, which a contact calls by the names of the ``pair``."""
+    mu_s, v_s = pair
+    p, dry = space.named(u), f"{mu_s[:-1]}c"
+    mu_c, speeds = p.get(dry, fixed.get(dry)), np.geomspace(*space.bounds[v_s], RIDGE[1])
+    pairs = [(ratio, speed) for ratio in np.geomspace(*STATIC_RATIO, RIDGE[0]) for speed in speeds]
+    pairs.append((FLAT_RATIO, p[v_s]))  # no rise towards rest: a law that has too much
+    return [space.to_search(p | {mu_s: ratio * mu_c, v_s: speed}) for ratio, speed in pairs]
 
 
 def search(

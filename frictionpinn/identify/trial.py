@@ -60,9 +60,9 @@ class TrialModel:
         base: input path without the noisy inputs.
         inputs: noisy inputs.
         states: initial states that are unknown, of ``simulator.state_names``.
-        start: start values of all states (z as the bristle force sigma_0 z where there is a sigma_0), by name; without
-            z: steady.
-        force_scale: prior standard deviation of the initial bristle force (or of z itself).
+        start: start values of all states (a bristle state z as the force sigma_0 z where there is a sigma_0), by name;
+            without it: steady.
+        force_scales: prior standard deviation of each initial bristle force (or of z itself), by the state's name.
         directions: derivatives of the input path in the inputs' coefficients; made here.
     """
 
@@ -75,7 +75,7 @@ class TrialModel:
     inputs: tuple[NoisyInput, ...]
     states: tuple[str, ...]
     start: dict[str, float]
-    force_scale: float = 1.0
+    force_scales: Mapping[str, float] = field(default_factory=dict)
     directions: Directions | None = None
 
     def __post_init__(self) -> None:
@@ -93,6 +93,11 @@ class TrialModel:
     def contact(self) -> bool:
         """Whether a friction force is measured: else derivatives of the motion are enough."""
         return "F" in self.outputs.values()
+
+    @property
+    def bristles(self) -> list[tuple[str, str]]:
+        """Bristle states and, beside each, the name of its stiffness: (z, sigma_0), (hinge.z, hinge.sigma_0)."""
+        return [(name, f"{name[:-1]}sigma_0") for name in self.simulator.bristles]
 
     def size(self, joint: bool) -> int:
         """Number of local unknowns, with or without the inputs' coefficients."""
@@ -124,8 +129,9 @@ class TrialModel:
         """Initial state by name, SI units."""
         y0 = dict(self.start)
         y0.update(zip(self.states, local, strict=False))
-        if "z" in y0 and "sigma_0" in p:
-            y0["z"] /= p["sigma_0"]
+        for z, stiffness in self.bristles:
+            if z in y0 and stiffness in p:
+                y0[z] /= p[stiffness]
         return y0
 
     def in_equilibrium(self, p: Mapping[str, float]) -> TrialModel:
@@ -134,15 +140,20 @@ class TrialModel:
         Raises:
             ContactLost, SimulationFailed: the model cannot be simulated there.
         """
-        if "z" not in self.states:
+        sought = [(z, stiffness) for z, stiffness in self.bristles if z in self.states]
+        if not sought:
             return self
-        start = {name: value for name, value in self.start.items() if name != "z"}
+        start = {name: value for name, value in self.start.items() if name not in dict(sought)}
         steady = replace(self, states=(), start=start, inputs=(), base=self.path(self.local), directions=None)
         run = steady.simulate(p, np.zeros(0))
-        z, largest = float(run.z[0]), float(np.abs(run.z).max())
-        if "sigma_0" in p:
-            z, largest = z * p["sigma_0"], float(np.abs(run.F).max())
-        return replace(self, start=self.start | {"z": z}, force_scale=REACH * largest or 1.0)
+        begun, scales = dict(self.start), dict(self.force_scales)
+        for name, stiffness in sought:
+            there = run.at(name[:-2])
+            begun[name], largest = float(there.z[0]), float(np.abs(there.z).max())
+            if stiffness in p:
+                begun[name], largest = begun[name] * p[stiffness], float(np.abs(there.F).max())
+            scales[name] = REACH * largest or 1.0
+        return replace(self, start=begun, force_scales=scales)
 
     def simulate(
         self,
@@ -161,7 +172,7 @@ class TrialModel:
         directions: Any = self.directions if names and joint and self.directions is not None else {}
         path, y0, contact = self.path(local), self.initial(p, local), self.contact
         if ran is not None and names:
-            steady = "z" not in y0
+            steady = [z for z in self.simulator.bristles if z not in y0]
             changes = self.simulator.differentiate(ran, path, p, wanted, directions, steady=steady, contact=contact)
             return replace(ran, sensitivity_names=(*wanted, *directions), sensitivities=changes)
         return self.simulator.simulate(
@@ -175,11 +186,13 @@ class TrialModel:
     def derivatives(self, run: Simulation, p: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
         """Derivatives of the outputs in the parameters ``names``, then in the local unknowns, (n_out, n, n_d)."""
         J = np.ascontiguousarray(np.stack([run.sensitivities[key] for key in self.outputs.values()]))
-        if "z" in self.states and "sigma_0" in p:  # the unknown is the force sigma_0 z
-            column = len(names) + self.states.index("z")
-            if "sigma_0" in names:
-                J[:, :, list(names).index("sigma_0")] -= J[:, :, column] * run.z[0] / p["sigma_0"]
-            J[:, :, column] /= p["sigma_0"]
+        for z, stiffness in self.bristles:
+            if z not in self.states or stiffness not in p:
+                continue
+            column = len(names) + self.states.index(z)  # the unknown is the force sigma_0 z
+            if stiffness in names:
+                J[:, :, list(names).index(stiffness)] -= J[:, :, column] * run.at(z[:-2]).z[0] / p[stiffness]
+            J[:, :, column] /= p[stiffness]
         return J
 
     def evaluate(
@@ -227,13 +240,15 @@ class TrialModel:
             rows = measured.sum(), (seen**2).sum(), (seen[:, 1:] * seen[:, :-1]).sum()
             H, gradient = gram(J.reshape(-1, n_g + n_l), (r * scale[:, None]).reshape(-1), weight.reshape(-1))
             ll, grad_l = H[n_g:, n_g:].copy(), gradient[n_g:].copy()
-        if "z" in self.states:  # held within what friction can be: where the body slides no signal sees it
-            i = self.states.index("z")
-            distance = float(local[i]) / self.force_scale
+        for z in self.simulator.bristles:  # held within what friction can be: where the body slides no signal sees it
+            if z not in self.states:
+                continue
+            i, reach = self.states.index(z), self.force_scales.get(z, 1.0)
+            distance = float(local[i]) / reach
             cost += 0.5 * distance**2
             if names:
-                ll[i, i] += 1 / self.force_scale**2
-                grad_l[i] += distance / self.force_scale
+                ll[i, i] += 1 / reach**2
+                grad_l[i] += distance / reach
         for item, values in zip(self.inputs, self.coefficients(local), strict=True):
             # A signal that was not measured has no level, and no weight.
             design, levels = item.basis.design, np.array([sigmas.get(name, 1.0) for name in item.names])

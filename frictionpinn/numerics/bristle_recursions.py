@@ -11,16 +11,19 @@ from numba import njit, types
 
 from .integrator import F1, F2, KERNEL, OPTIONS
 
+I1, B1 = types.int64[::1], types.boolean[::1]
+
 CREEP = 1e-12
 SETTLED = 1e-12  # relative change of z that ends the search for its root
 MOST = 30  # steps of that search
+SWEEPS = 200  # over contacts at rest, each balanced with the others held
 SHIFT, LEAST = 1e-6, 1e-2  # of a value, by which it is shifted for a difference; the size of a parameter that is 0
 
 
-@njit(types.float64(KERNEL, F1, F1, F1, F1, types.int64, types.int64, F1), **OPTIONS)
-def root(newton, state, w, u, p, first, last, out):
-    """The z at which the rows from first to last vanish in the least-squares sense, by Newton's method; 0 where z does
-    not enter them. It is written into the state.
+@njit(types.float64(KERNEL, F1, F1, F1, F1, types.int64, types.int64, types.int64, F1), **OPTIONS)
+def root(newton, state, w, u, p, first, last, place, out):
+    """The z, at that place of the state, at which the rows from first to last vanish in the least-squares sense, by
+    Newton's method; 0 where z does not enter them. It is written into the state.
 
     One step is enough for the laws, which are linear in z; a gap takes a few.
     """
@@ -29,41 +32,74 @@ def root(newton, state, w, u, p, first, last, out):
         newton(state, w, u, p, out)
         along, own = 0.0, 0.0
         for i in range(first, last):
-            slope = out[n_w + i * n_s + n_s - 1]
+            slope = out[n_w + i * n_s + place]
             along += out[i] * slope
             own += slope * slope
         if own == 0.0:
             return 0.0
         change = -along / own
-        if abs(change) <= SETTLED * abs(state[n_s - 1]):
+        if abs(change) <= SETTLED * abs(state[place]):
             break
-        state[n_s - 1] += change
-    return state[n_s - 1]
+        state[place] += change
+    return state[place]
 
 
-@njit(types.float64(KERNEL, KERNEL, F1, F1, F1, types.int64), **OPTIONS)
-def steady(newton, outputs, start, u, p, m):
-    """Bristle state that suits the initial motion, see :func:`.bristle.steady_bristle`; z of the start is not used."""
-    n_s, n_w = start.shape[0], start.shape[0] - m
-    state, w, shown = start.copy(), np.zeros(n_w), np.zeros(3)
+@njit(F1(KERNEL, KERNEL, F1, F1, F1, types.int64, I1, B1, types.int64), **OPTIONS)
+def steady(newton, outputs, start, u, p, m, contacts, which, n_out):
+    """The start with bristle states that suit the initial motion, see :func:`.bristle.steady_bristles`.
+
+    Of contacts at rest each in turn takes what balances the others, until they settle; then the one furthest beyond
+    its limit is held there, and the others are balanced anew.
+
+    Args:
+        contacts: contact of each bristle; which: whether its state is sought.
+        n_out: number of the kernel's outputs.
+    """
+    n_s, n_w, n_b = start.shape[0], start.shape[0] - m, contacts.shape[0]
+    state, w, shown = start.copy(), np.zeros(n_w), np.zeros(n_out)
     out = np.zeros(n_w + n_w * (n_s + n_w) + 1)
-    state[n_s - 1] = 0.0
+    first, resting = n_s - n_b, np.zeros(n_b, np.bool_)
+    for b in range(n_b):
+        if which[b]:
+            state[first + b] = 0.0
     outputs(state, w, u, p, shown)
-    if shown[0] != 0.0:
-        return root(newton, state, w, u, p, n_w - 1, n_w, out)
-    creeping = state.copy()
-    balance = root(newton, state, w, u, p, 0, m, out)
-    if balance == 0.0:
-        return 0.0
-    state[n_s - 1] = 0.0
-    for j in range(m):
-        moved = state.copy()
-        moved[m + j] += 1.0
-        shown[:] = 0.0
-        outputs(moved, w, u, p, shown)
-        creeping[m + j] += np.sign(balance) * CREEP * shown[0]
-    limit = root(newton, creeping, w, u, p, n_w - 1, n_w, out)
-    return balance if abs(balance) <= abs(limit) else limit
+    for b in range(n_b):
+        resting[b] = which[b] and shown[3 * contacts[b]] == 0.0
+        if which[b] and not resting[b]:
+            root(newton, state, w, u, p, n_w - n_b + b, n_w - n_b + b + 1, first + b, out)
+    while resting.any():
+        for b in range(n_b):
+            if resting[b]:
+                state[first + b] = 0.0
+        plain = state.copy()
+        for _ in range(SWEEPS if resting.sum() > 1 else 1):
+            settled_ = True
+            for b in range(n_b):
+                before = state[first + b]
+                if resting[b]:
+                    root(newton, state, w, u, p, 0, m, first + b, out)
+                settled_ &= abs(state[first + b] - before) <= SETTLED * abs(before)
+            if settled_:
+                break
+        worst, excess, limit = -1, 1.0, 0.0
+        for b in range(n_b):
+            if not resting[b] or state[first + b] == 0.0:
+                continue
+            creeping, balance = plain.copy(), state[first + b]
+            for j in range(m):
+                moved = plain.copy()
+                moved[m + j] += 1.0
+                shown[:] = 0.0
+                outputs(moved, w, u, p, shown)
+                creeping[m + j] += np.sign(balance) * CREEP * shown[3 * contacts[b]]
+            held = root(newton, creeping, w, u, p, n_w - n_b + b, n_w - n_b + b + 1, first + b, out)
+            if not abs(balance) <= abs(held) * excess:
+                worst, excess, limit = b, abs(balance) / max(abs(held), 1e-300), held
+        if worst < 0:
+            break
+        state[first + worst] = limit
+        resting[worst] = False
+    return state
 
 
 @njit(F1(KERNEL, F1, F1, F1, types.int64, types.int64), **OPTIONS)
@@ -82,24 +118,24 @@ def rest(newton, start, u, p, m, count):
     return state
 
 
-@njit(F1(KERNEL, KERNEL, F1, F1, F1, types.int64, types.int64, types.boolean), **OPTIONS)
-def settled(newton, outputs, start, u, p, m, count, steadied):
-    """The start with the states of effects at rest and, where it is ``steadied``, the bristle steady."""
+@njit(F1(KERNEL, KERNEL, F1, F1, F1, types.int64, types.int64, I1, B1, types.int64), **OPTIONS)
+def settled(newton, outputs, start, u, p, m, count, contacts, steadied, n_out):
+    """The start with the states of effects at rest and the bristles that are ``steadied`` steady."""
     state = rest(newton, start, u, p, m, count)
-    if steadied:
-        state[-1] = steady(newton, outputs, state, u, p, m)
+    if steadied.any():
+        return steady(newton, outputs, state, u, p, m, contacts, steadied, n_out)
     return state
 
 
 @njit(
-    F2(KERNEL, KERNEL, F1, F1, F1, types.int64, types.int64, types.boolean, types.int64[::1], types.int64[::1], F2),
+    F2(KERNEL, KERNEL, F1, F1, F1, types.int64, types.int64, I1, B1, types.int64, I1, I1, F2),
     **OPTIONS,
 )
-def changes(newton, outputs, start, u, p, m, count, steadied, columns, states, directions):
+def changes(newton, outputs, start, u, p, m, count, contacts, steadied, n_out, columns, states, directions):
     """Derivative of what settles of the start in every quantity, shape (n_s, n_c), by central differences.
 
     Args:
-        count, steadied: see :func:`settled`.
+        count, contacts, steadied, n_out: see :func:`settled`.
         columns, states: index of the parameter and of the initial state that each quantity is, or -1.
         directions: du/dc at the start for the last of them, shape (n_directions, recorded inputs).
     """
@@ -107,7 +143,8 @@ def changes(newton, outputs, start, u, p, m, count, steadied, columns, states, d
     first, result = n_c - directions.shape[0], np.zeros((n_s, n_c))
     settles = np.zeros(n_s, dtype=np.bool_)
     settles[2 * m : 2 * m + count] = True
-    settles[n_s - 1] |= steadied
+    for b in range(contacts.shape[0]):
+        settles[n_s - contacts.shape[0] + b] |= steadied[b]
     s, inputs, values = start.copy(), u.copy(), p.copy()
     for c in range(n_c):
         size = 0.0
@@ -131,7 +168,7 @@ def changes(newton, outputs, start, u, p, m, count, steadied, columns, states, d
                 values[columns[c]] = p[columns[c]] + shift
             else:
                 s[states[c]] = start[states[c]] + shift
-            sides[side] = settled(newton, outputs, s, inputs, values, m, count, steadied)
+            sides[side] = settled(newton, outputs, s, inputs, values, m, count, contacts, steadied, n_out)
         for i in range(n_s):
             if settles[i]:
                 result[i, c] = (sides[0, i] - sides[1, i]) / (2 * size)

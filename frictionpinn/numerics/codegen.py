@@ -16,6 +16,7 @@ from threading import RLock
 from types import ModuleType
 
 import numba
+import numpy as np
 import pooch
 import sympy as sp
 from numba.core.types.function_type import CompileResultWAP
@@ -147,15 +148,15 @@ pointer = lru_cache(maxsize=None)(Pointer)
 class Kernels:
     """Compiled functions of one mechanism, each ``f(s, w, u, p, out)`` on contiguous float64 vectors.
 
-    State s = (q, v, states of effects, z) of sizes (n_free, n_free, states, memory), unknown w = (a, rates of those
+    State s = (q, v, states of effects, z) of sizes (n_free, n_free, states, bristles), unknown w = (a, rates of those
     states, z'), inputs u (with the clocks last that enter the equations) and parameters p as in
     :class:`Mechanism`. ``out`` is flat and row-major; entries that are identically zero are not written, so hand
     over zeros.
 
-    * ``newton``: R (n_w), dR/ds (n_w, n_s), dR/dw (n_w, n_w), normal force (1).
+    * ``newton``: R (n_w), dR/ds (n_w, n_s), dR/dw (n_w, n_w), least normal force (1).
     * ``parameters``: what ``newton`` writes, then dR/dp (n_w, n_p) and dR/du (n_w, n_u).
-    * ``outputs``: slip velocity, normal force, friction force (3).
-    * ``output_derivatives``: derivatives of the outputs, (3, n_s + n_w + n_p + n_u), in the order s, w, p, u.
+    * ``outputs``: slip velocity, normal force, friction force of every contact (n_o = 3 contacts).
+    * ``output_derivatives``: derivatives of the outputs, (n_o, n_s + n_w + n_p + n_u), in the order s, w, p, u.
 
     The files' names hold a hash of the equations: equal equations are compiled once on a machine.
     """
@@ -166,8 +167,8 @@ class Kernels:
     def symbols(self) -> tuple[list[sp.Symbol], ...]:
         """Symbols of s, w, u and p."""
         m = self.mechanism
-        memory = [state.symbol for state in m.states] + ([CONTACT.z] if m.memory else [])
-        rates = [state.rate for state in m.states] + ([CONTACT.zdot] if m.memory else [])
+        memory = [state.symbol for state in m.states] + [contact.z for contact in m.bristles]
+        rates = [state.rate for state in m.states] + [contact.zdot for contact in m.bristles]
         state = [c.symbols[0] for c in m.free] + [c.symbols[1] for c in m.free] + memory
         unknown = [c.symbols[2] for c in m.free] + rates
         inputs = [*m.inputs, *m.clocks]
@@ -177,6 +178,27 @@ class Kernels:
     def sizes(self) -> tuple[int, int, int, int]:
         """Lengths of s, w, u and p."""
         return tuple(len(symbols) for symbols in self.symbols)  # type: ignore[return-value]
+
+    @property
+    def outputs(self) -> int:
+        """Number n_o of outputs."""
+        return 3 * len(self.contacts)
+
+    @cached_property
+    def contacts(self) -> tuple[str, ...]:
+        """Names of the contacts."""
+        return tuple(contact.name for contact in self.mechanism.contacts)
+
+    @cached_property
+    def bristles(self) -> np.ndarray:
+        """Contact of each bristle, in the order of the state, shape (bristles,)."""
+        return np.array([k for k, contact in enumerate(self.mechanism.contacts) if contact.memory], dtype=np.int64)
+
+    @cached_property
+    def places(self) -> np.ndarray:
+        """Contact of each state behind the velocities, those that have such states counted from 0."""
+        contacts = [k for k, contact in enumerate(self.mechanism.contacts) for _ in contact.states]
+        return np.unique([*contacts, *self.bristles], return_inverse=True)[1].astype(np.int64)
 
     @cached_property
     def _arguments(self) -> dict[sp.Symbol, str]:
@@ -188,8 +210,11 @@ class Kernels:
 
     @cached_property
     def _outputs(self) -> list[sp.Expr]:
-        m = self.mechanism
-        return [sp.sympify(m.contact[CONTACT.v]), sp.sympify(m.contact[CONTACT.N]), m.friction]
+        return [
+            sp.sympify(expr)
+            for contact in self.mechanism.contacts
+            for expr in (contact.motion[CONTACT.v], contact.motion[CONTACT.N], contact.friction)
+        ]
 
     @cached_property
     def key(self) -> str:
@@ -204,7 +229,8 @@ class Kernels:
 
     def _newton(self) -> list[sp.Expr]:
         (state, unknown, _, _), rows = self.symbols, list(self.mechanism.residuals)
-        return [*rows, *self._derivatives(rows, state), *self._derivatives(rows, unknown), self._outputs[1]]
+        least = sp.Min(*self._outputs[1::3], evaluate=False) if len(self.mechanism.contacts) > 1 else self._outputs[1]
+        return [*rows, *self._derivatives(rows, state), *self._derivatives(rows, unknown), least]
 
     def _plain_source(self) -> str:
         return self._source({"newton": self._newton(), "outputs": self._outputs})
@@ -232,7 +258,7 @@ class Kernels:
         return any(row.has(sp.Symbol(name, real=True)) for row in rates for name in names)
 
     def strengths(self, names: tuple[str, ...]):
-        """Function that writes dR/dp (n_w, len(names)) and then the derivatives of the outputs (3, len(names))."""
+        """Function that writes dR/dp (n_w, len(names)) and then the derivatives of the outputs (n_o, len(names))."""
         symbols = [par.symbol for par in self.mechanism.parameters if par.name in names]
         symbols.sort(key=lambda symbol: names.index(symbol.name))
 

@@ -39,14 +39,14 @@ def differentiate(
     unknowns: np.ndarray,
     steps: Steps,
     wanted: Wanted,
-    steady: bool,
+    steady: np.ndarray,
     contact: bool = True,
 ) -> dict[str, np.ndarray]:
     """Return name -> derivatives, shape (n, n_sens), as in ``Simulation.sensitivities``.
 
-    The steps are held; apart from that the derivatives are exact. ``steady`` says that the initial bristle state was
-    ``steady_bristle`` and moves with the parameters; without ``contact``, slip velocity, normal and friction force
-    are left out.
+    The steps are held; apart from that the derivatives are exact. ``steady`` says of each bristle that its initial
+    state was that of ``steady_bristles`` and moves with the parameters; without ``contact``, slip velocity, normal and
+    friction force are left out.
     """
     from . import sensitivity  # compiles on a new installation: not before it is needed
 
@@ -78,8 +78,9 @@ def differentiate(
     if contact:
         kernel = pointer(kernels.sensitivity.output_derivatives)
         outputs = sensitivity.output_sensitivities(
-            kernel, states, unknowns, path.samples, p, ds, dw, wanted.columns, given.samples, given.support, 3
-        )
+            kernel, states, unknowns, path.samples, p, ds, dw, wanted.columns, given.samples, given.support,
+            kernels.outputs,
+        )  # fmt: skip
     if not np.array_equal(given.order, np.arange(len(given.order))):
         first = len(wanted.names) - len(given)
         as_given = np.concatenate([np.arange(first), first + given.order])
@@ -89,18 +90,25 @@ def differentiate(
 
 
 def named(mechanism: Mechanism, ds: np.ndarray, dw: np.ndarray, outputs: np.ndarray | None) -> dict[str, np.ndarray]:
-    """Derivatives of states, their rates and (slip velocity, normal force, friction force), all (n, ..., n_sens), by
-    what they are derivatives of."""
-    m, zero = len(mechanism.free), np.zeros((len(ds), ds.shape[2]))
-    result = {} if outputs is None else dict(zip(("v_slip", "N", "F"), np.moveaxis(outputs, 1, 0), strict=True))
-    result["z"], result["zdot"] = (ds[:, -1], dw[:, -1]) if mechanism.memory else (zero, zero)
+    """Derivatives of states, their rates and (slip velocity, normal force, friction force) of every contact, all
+    (n, ..., n_sens), by what they are derivatives of."""
+    m, zero, bristles = len(mechanism.free), np.zeros((len(ds), ds.shape[2])), list(mechanism.bristles)
+    result: dict[str, np.ndarray] = {}
+    for k, contact in enumerate(mechanism.contacts):
+        prefix = f"{contact.name}." if contact.name else ""
+        if outputs is not None:
+            own = np.moveaxis(outputs[:, 3 * k : 3 * k + 3], 1, 0)
+            result |= zip((f"{prefix}{name}" for name in ("v_slip", "N", "F")), own, strict=True)
+        place = bristles.index(contact) - len(bristles) if contact in bristles else None
+        moving = (zero, zero) if place is None else (ds[:, place], dw[:, place])
+        result[f"{prefix}z"], result[f"{prefix}zdot"] = moving
     for j, coordinate in enumerate(mechanism.free):
         result.update(zip(coordinate.signals, (ds[:, j], ds[:, m + j], dw[:, j]), strict=True))
     return result
 
 
 def start_sensitivity(
-    kernels: Kernels, u: np.ndarray, p: np.ndarray, start: np.ndarray, wanted: Wanted, steady: bool
+    kernels: Kernels, u: np.ndarray, p: np.ndarray, start: np.ndarray, wanted: Wanted, steady: np.ndarray
 ) -> np.ndarray:
     """Derivative of the initial state, shape (n_s, n_sens).
 

@@ -176,7 +176,7 @@ def step(kernel, a, c, coefficients, k, offset, h, p, m, atol, tolerance, s0, st
 
 
 @njit(**INLINED)
-def error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, z_size):
+def error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, largest):
     """Largest embedded error estimate among the components of the state, in units of the tolerance."""
     worst = 0.0
     for d in range(s.shape[0]):
@@ -185,7 +185,7 @@ def error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, z_size):
             total += error[j] * (stages_v[j, d] if d < m else stages_w[j, d - m])
         size = max(abs(s0[d]), abs(s[d]))
         if d >= 2 * m:
-            size = max(size, z_size)
+            size = max(size, largest[d - 2 * m])
         worst = max(worst, abs(h * total) / (atol[d] + rtol * size))
     return worst
 
@@ -230,13 +230,17 @@ def next_size(h, size, order):
 
 @njit(
     types.Tuple((types.int64, types.float64, F2, F2, types.int64[::1], F2, F3))(
-        KERNEL, F2, F1, F1, types.int64, F1, F3, F1, types.int64, F1, types.float64, types.float64, F1,
-        types.int64[::1], F2,
+        KERNEL, F2, F1, F1, types.int64, F1, F3, F1, types.int64, F1, types.int64[::1], types.float64, types.float64,
+        F1, types.int64[::1], F2,
     ),
     **OPTIONS,
 )  # fmt: skip
-def integrate(kernel, a, c, error, order, t, coefficients, p, m, atol, rtol, tolerance, start, replay_k, replay_h):
+def integrate(
+    kernel, a, c, error, order, t, coefficients, p, m, atol, places, rtol, tolerance, start, replay_k, replay_h
+):  # fmt: skip
     """Integrate over the samples t; with replay_k not empty, take those recorded steps instead of choosing any.
+
+    ``places`` tells the contact of each state behind the velocities: its error counts beside the largest there.
 
     Returns:
         status, time reached, S (n, n_s) and W (n, n_w) at the samples, and the record of the steps: interval index
@@ -256,7 +260,7 @@ def integrate(kernel, a, c, error, order, t, coefficients, p, m, atol, rtol, tol
     if status != OK:
         return status, t[0], states, unknowns, *record
     replaying = replay_k.shape[0] > 0
-    taken, h_next, z_size = 0, (t[1] - t[0]) * 0.1, 0.0
+    taken, h_next, largest = 0, (t[1] - t[0]) * 0.1, np.zeros(n_s - 2 * m)
     for k in range(n - 1):
         interval = t[k + 1] - t[k]
         offset, attempts = 0.0, 0
@@ -270,7 +274,7 @@ def integrate(kernel, a, c, error, order, t, coefficients, p, m, atol, rtol, tol
             )
             size = 0.0
             if status == OK and not replaying:
-                size = error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, z_size)
+                size = error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, largest)
             attempts += 1
             if status != OK or not size <= 1.0:
                 if replaying or h < SMALLEST * interval or attempts > ATTEMPTS:
@@ -282,7 +286,9 @@ def integrate(kernel, a, c, error, order, t, coefficients, p, m, atol, rtol, tol
             copy_to(stages_w[stages - 1], first)
             copy_to(s, s0)
             for d in range(2 * m, n_s):
-                z_size = max(z_size, abs(s[d]))
+                for e in range(n_s - 2 * m):
+                    if places[e] == places[d - 2 * m]:
+                        largest[e] = max(largest[e], abs(s[d]))
             h_next = next_size(h, size, order)
             offset = interval if offset + h >= interval * (1.0 - 1e-12) else offset + h
         copy_to(s0, states[k + 1])

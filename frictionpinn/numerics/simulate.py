@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import UserError, nearest
 from ..physics.mechanism import Mechanism
-from .bristle import resting_states, steady_bristle
+from .bristle import resting_states, steady_bristles
 from .codegen import Kernels
 from .differentiate import Wanted, differentiate
 from .measure import Drive, Sensors
@@ -44,9 +44,9 @@ class Simulator:
         self._defaults = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values
         self._drive = Drive(mechanism, self.parameter_names)
         self._sensors = Sensors(mechanism, self.parameter_names)
-        free, memory = mechanism.free, mechanism.memory
+        free, self.bristles = mechanism.free, tuple(contact.z.name for contact in mechanism.bristles)
         self.outside = frozenset({*self._drive.parameters, *self._sensors.own})
-        self.state_names = (*(c.signals[0] for c in free), *(c.signals[1] for c in free), *(["z"] if memory else []))
+        self.state_names = (*(c.signals[0] for c in free), *(c.signals[1] for c in free), *self.bristles)
 
     def __reduce__(self):
         return Simulator, (self.mechanism,)  # compiled code is loaded anew in the other process
@@ -97,7 +97,7 @@ class Simulator:
                 :meth:`InputPath.from_signals`.
             p: parameters, see :meth:`parameters`.
             y0: initial state: name -> value or the vector of ``state_names``; at rest at 0 where not given.
-            z0: initial bristle state where y0 does not name it; "steady" for static equilibrium at rest (the body
+            z0: initial state of the bristles that y0 does not name; "steady" for static equilibrium at rest (the body
                 stays if it can stick) and steady sliding in motion.
             sensitivities: names of parameters, and of initial states as "x(0)".
             directions: name -> derivative of the input path with respect to a quantity of the caller's (a spline
@@ -130,7 +130,7 @@ class Simulator:
             result = replace(truth, signals=truth.signals | shown)
         if not wanted.names:
             return result
-        steady = z0 == "steady" and "z" not in y0
+        steady = np.array([z0 == "steady" and name not in y0 for name in self.bristles], dtype=np.bool_)
         changes = self._changes(result, recorded, path, vector, wanted, steady, contact)
         names = (*sensitivities, *directions)
         if names != wanted.names:
@@ -146,7 +146,7 @@ class Simulator:
         sensitivities: Sequence[str],
         directions: Mapping[str, InputPath] | Directions = _NONE,
         *,
-        steady: bool = True,
+        steady: bool | Sequence[str] = True,
         contact: bool = True,
     ) -> dict[str, np.ndarray]:
         """Sensitivities of a simulation, at its parameters or at others that lead to the same motion.
@@ -159,7 +159,7 @@ class Simulator:
             inputs: its input path.
             p: parameters, see :meth:`parameters`.
             sensitivities, directions: see :meth:`simulate`.
-            steady: whether the initial bristle state was "steady".
+            steady: whether the initial bristle states were "steady", or the names of those that were.
             contact: see :meth:`simulate`.
 
         Returns:
@@ -167,7 +167,9 @@ class Simulator:
         """
         vector = self.parameters(p)
         wanted = self._wanted(sensitivities, directions, inputs, vector)
-        changes = self._changes(run, inputs, self._drive.path(inputs, vector), vector, wanted, steady, contact)
+        named = self.bristles if steady is True else () if steady is False else steady
+        settled = np.array([name in named for name in self.bristles], dtype=np.bool_)
+        changes = self._changes(run, inputs, self._drive.path(inputs, vector), vector, wanted, settled, contact)
         if (names := (*sensitivities, *directions)) == wanted.names:
             return changes
         order = [wanted.names.index(name) for name in names]
@@ -180,7 +182,7 @@ class Simulator:
         path: InputPath,
         p: np.ndarray,
         wanted: Wanted,
-        steady: bool,
+        steady: np.ndarray,
         contact: bool,
     ) -> dict[str, np.ndarray]:
         """Derivatives of everything that a simulation shows, by name; without ``contact`` not of what acts there."""
@@ -276,8 +278,10 @@ class Simulator:
         m = len(self.mechanism.free)
         start = np.concatenate([start[: 2 * m], np.zeros(len(self.mechanism.states)), start[2 * m :]])
         start = resting_states(self.kernels, start, u, p)
-        if self.mechanism.memory and "z" not in y0:
-            start[-1] = steady_bristle(self.kernels, start, u, p) if z0 == "steady" else float(z0)
+        free = [name not in y0 for name in self.bristles]
+        if any(free):
+            z = start[len(start) - len(free) :]
+            z[free] = steady_bristles(self.kernels, start, u, p, np.array(free))[free] if z0 == "steady" else float(z0)
         if not np.isfinite(start).all():
             raise UserError("initial state that is not finite", where="y0", received=start.tolist())
         return start

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -58,7 +58,8 @@ class Simulation:
         t: sample times, s, shape (n,).
         q, v, a: position, velocity and acceleration of the free coordinates, shape (n, n_free), SI units.
         z, zdot: bristle state and its rate, shape (n,), in the system's unit of slip; zero for a law without memory.
-        v_slip, N, F: slip velocity, normal force and friction force, shape (n,).
+        v_slip, N, F: slip velocity, normal force and friction force, shape (n,). With several contacts these and the
+            bristle states have the shape (n, contacts), and :meth:`at` gives those of one.
         signals: name -> samples, shape (n,): free and driven coordinates and inputs, named as in a recording; as the
             sensors show them where an effect changes a sensor. With effects, the input of a massless system is its
             predicted force.
@@ -66,8 +67,9 @@ class Simulation:
         states, unknowns: what it solved for, at the samples: (q, v, states of effects, z) and their rates.
         sensitivity_names: what the sensitivities are taken with respect to, in order.
         sensitivities: name -> derivatives, shape (n, n_sens), of every signal of a free coordinate and of ``z``,
-            ``zdot``, ``v_slip``, ``N`` and ``F`` (with effects, of a massless system's input too); empty where
-            none were asked for.
+            ``zdot``, ``v_slip``, ``N`` and ``F`` (``hinge.F`` with several contacts; with effects, of a massless
+            system's input too); empty where none were asked for.
+        contacts: names of the contacts; one without a name where there is no other.
     """
 
     t: np.ndarray
@@ -85,3 +87,19 @@ class Simulation:
     unknowns: np.ndarray = field(repr=False, default_factory=lambda: np.zeros((0, 0)))
     sensitivity_names: tuple[str, ...] = ()
     sensitivities: dict[str, np.ndarray] = field(default_factory=dict)
+    contacts: tuple[str, ...] = ("",)
+
+    def at(self, contact: str) -> Simulation:
+        """What happened at one contact: slip velocity, forces and bristle state of shape (n,).
+
+        Raises:
+            UserError: there is no such contact.
+        """
+        if contact not in self.contacts:
+            raise UserError("unknown contact", where="contact", received=contact, allowed=", ".join(self.contacts))
+        if len(self.contacts) == 1:
+            return self
+        k, prefix = self.contacts.index(contact), f"{contact}."
+        own = {name.removeprefix(prefix): x for name, x in self.sensitivities.items() if name.startswith(prefix)}
+        values = {name: getattr(self, name)[:, k] for name in ("z", "zdot", "v_slip", "N", "F")}
+        return replace(self, **values, sensitivities=self.sensitivities | own, contacts=(contact,))

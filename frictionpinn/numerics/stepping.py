@@ -79,6 +79,7 @@ def integrate_path(
         p,
         m,
         limits,
+        kernels.places,
         rtol,
         REPEATED if steps else tolerance,
         start,
@@ -110,15 +111,21 @@ def observed(
     Raises:
         ContactLost: the normal force is not above zero at every sample.
     """
-    mechanism, m = kernels.mechanism, len(kernels.mechanism.free)
-    outputs = _integrator().evaluate_samples(pointer(kernels.plain.outputs), states, unknowns, path.samples, p, 3)
-    v_slip, normal, friction = outputs.T
+    mechanism, m, count = kernels.mechanism, len(kernels.mechanism.free), len(kernels.mechanism.contacts)
+    kernel = pointer(kernels.plain.outputs)
+    outputs = _integrator().evaluate_samples(kernel, states, unknowns, path.samples, p, kernels.outputs)
+    v_slip, normal, friction = outputs[:, ::3], outputs[:, 1::3], outputs[:, 2::3]
     if not (normal > 0).all():
-        raise ContactLost(path.t[int(np.argmin(normal > 0))], len(steps))
+        raise ContactLost(path.t[int(np.argmin((normal > 0).all(axis=1)))], len(steps))
     q, v, a = states[:, :m], states[:, m : 2 * m], unknowns[:, :m]
-    zero = np.zeros(len(path.t))
-    z, zdot = (states[:, -1], unknowns[:, -1]) if mechanism.memory else (zero, zero)
+    z, zdot = np.zeros((2, len(path.t), count))
+    for place, k in enumerate(kernels.bristles, -len(kernels.bristles)):
+        z[:, k], zdot[:, k] = states[:, place], unknowns[:, place]
     signals = dict(recorded.signals)
     for j, c in enumerate(mechanism.free):
         signals.update(zip(c.signals, (q[:, j], v[:, j], a[:, j]), strict=True))
-    return Simulation(path.t, q, v, a, z, zdot, v_slip, normal, friction, signals, steps, states, unknowns)
+    at_contacts = (z, zdot, v_slip, normal, friction)
+    z, zdot, v_slip, normal, friction = (values[:, 0] for values in at_contacts) if count == 1 else at_contacts
+    return Simulation(
+        path.t, q, v, a, z, zdot, v_slip, normal, friction, signals, steps, states, unknowns, contacts=kernels.contacts
+    )

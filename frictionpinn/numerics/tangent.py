@@ -78,7 +78,7 @@ class Tangent:
         S, W, U, factors, pivots, rows = self._linear
         ds, dw = tangent_recursions.respond(
             kernel, METHOD.a, n, len(mechanism.free), S, W, U, factors, pivots, rows, values, k, start,
-            run.steps.interval, run.steps.size,
+            run.steps.interval, run.steps.size, kernels.outputs,
         )  # fmt: skip
         outputs = None
         if contact or mechanism.system.massless:
@@ -86,19 +86,21 @@ class Tangent:
             nowhere = np.full(start.shape[1], -1, dtype=np.int64)
             outputs = sensitivity.output_sensitivities(
                 pointer(kernels.sensitivity.output_derivatives), run.states, run.unknowns, self.path.samples, self.p,
-                ds, dw, nowhere, none.samples, none.support, 3,
+                ds, dw, nowhere, none.samples, none.support, kernels.outputs,
             )  # fmt: skip
-            outputs += tangent_recursions.direct(kernel, run.states, run.unknowns, self.path.samples, values, k)
+            outputs += tangent_recursions.direct(
+                kernel, run.states, run.unknowns, self.path.samples, values, k, kernels.outputs
+            )
         return simulator.shown(run, self.inputs, self.p, named(mechanism, ds, dw, outputs), ())
 
     def _start(self, strengths: tuple[str, ...], columns: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Derivative of the initial state, shape (n_s, shapes * strengths): 0 but where a state starts at rest."""
         kernels, run, k = self.simulator.kernels, self.run, len(strengths)
-        start = np.zeros((kernels.sizes[0], k * len(values)))
+        start, steady = np.zeros((kernels.sizes[0], k * len(values))), np.full(len(kernels.bristles), self.steady)
         if self.steady or kernels.settles(strengths):
             none = Directions.of({}, self.inputs.coefficients.shape)
             wanted = Wanted(strengths, columns, np.full(k, -1, dtype=np.int64), none)
             u = self.path.coefficients[0, :, 0]
             for j, p in enumerate(values):
-                start[:, j * k : (j + 1) * k] = start_sensitivity(kernels, u, p, run.states[0], wanted, self.steady)
+                start[:, j * k : (j + 1) * k] = start_sensitivity(kernels, u, p, run.states[0], wanted, steady)
         return start

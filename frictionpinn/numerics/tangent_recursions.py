@@ -62,11 +62,11 @@ def linearise(kernel, a, c, coefficients, p, m, s_start, w_start, record_k, reco
 
 @njit(
     types.Tuple((F3, F3))(
-        KERNEL, F2, types.int64, types.int64, F2, F2, F2, F3, I2, F3, F2, types.int64, F2, I1, F2,
+        KERNEL, F2, types.int64, types.int64, F2, F2, F2, F3, I2, F3, F2, types.int64, F2, I1, F2, types.int64,
     ),
     **OPTIONS,
 )  # fmt: skip
-def respond(kernel, a, n, m, S, W, U, factors, pivots, rows, shapes, strengths, start, record_k, record_h):
+def respond(kernel, a, n, m, S, W, U, factors, pivots, rows, shapes, strengths, start, record_k, record_h, n_out):
     """ds (n, n_s, n_c) and dw (n, n_w, n_c) at the samples, in every strength at every shape: n_c is their product.
 
     Args:
@@ -74,10 +74,11 @@ def respond(kernel, a, n, m, S, W, U, factors, pivots, rows, shapes, strengths, 
         S, W, U, factors, pivots, rows: of :func:`linearise`.
         shapes: parameter vectors, shape (shapes, n_p).
         start: ds at the first sample, shape (n_s, n_c).
+        n_out: number of outputs, whose derivatives the kernel writes too.
     """
     n_s, n_w, n_c, stages = S.shape[1], W.shape[1], start.shape[1], a.shape[0]
     states, unknowns = np.empty((n, n_s, n_c)), np.empty((n, n_w, n_c))
-    out = np.zeros((n_w + 3) * strengths)
+    out = np.zeros((n_w + n_out) * strengths)
     ds, ds0, dknown, rhs = start.copy(), start.copy(), start.copy(), np.empty((n_w, n_c))
     dstages_v, dstages_w = np.zeros((stages, m, n_c)), np.zeros((stages, n_w, n_c))
     at = 0
@@ -115,16 +116,16 @@ def respond(kernel, a, n, m, S, W, U, factors, pivots, rows, shapes, strengths, 
     return states, unknowns
 
 
-@njit(F3(KERNEL, F2, F2, F2, F2, types.int64), **OPTIONS)
-def direct(kernel, states, unknowns, inputs, shapes, strengths):
-    """What the outputs change by the strengths at once, shape (n, 3, shapes * strengths): the last entries of
-    ``kernel``, (3, strengths)."""
+@njit(F3(KERNEL, F2, F2, F2, F2, types.int64, types.int64), **OPTIONS)
+def direct(kernel, states, unknowns, inputs, shapes, strengths, n_out):
+    """What the outputs change by the strengths at once, shape (n, n_out, shapes * strengths): the last entries of
+    ``kernel``, (n_out, strengths)."""
     n, n_w = states.shape[0], unknowns.shape[1]
-    result, out = np.empty((n, 3, shapes.shape[0] * strengths)), np.zeros((n_w + 3) * strengths)
+    result, out = np.empty((n, n_out, shapes.shape[0] * strengths)), np.zeros((n_w + n_out) * strengths)
     for k in range(n):
         for j in range(shapes.shape[0]):
             kernel(states[k], unknowns[k], inputs[k], shapes[j], out)
-            for i in range(3):
+            for i in range(n_out):
                 for g in range(strengths):
                     result[k, i, j * strengths + g] = out[(n_w + i) * strengths + g]
     return result

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..data.recording import Recording, Trial
 from ..errors import UserError, nearest
-from ..numerics.bristle import resting_states, steady_bristle
+from ..numerics.bristle import resting_states, steady_bristles
 from ..numerics.codegen import Kernels, pointer
 from ..numerics.session import ALONE, Session
 from ..numerics.tableau import METHOD
@@ -76,7 +76,7 @@ class OnlineEstimator:
             identification, counts in the interval.
 
     Raises:
-        UserError: an unknown parameter or one without value, an effect on sensors.
+        UserError: an unknown parameter or one without value, an effect on sensors, several contacts.
     """
 
     def __init__(
@@ -88,6 +88,7 @@ class OnlineEstimator:
         share: float = SHARES[0],
         covariance: np.ndarray | None = None,
     ):
+        _ = mechanism.only  # one friction force is estimated
         check_sensors(mechanism)
         self.mechanism, self.tuning, self.adapt, self.share = mechanism, tuning, dict(adapt or {}), float(share)
         self.kernels = Kernels(mechanism)
@@ -162,7 +163,7 @@ class OnlineEstimator:
             pointer(self.kernels.plain.newton), pointer(self.kernels.plain.outputs), METHOD.a, METHOD.c, METHOD.error,
             min(METHOD.order, METHOD.order_embedded) + 1, np.array(chains, dtype=np.int64).reshape(-1, 4),
             np.array([(place, 1) for place in places], dtype=np.int64).reshape(-1, 2), self._p,
-            (m, n_s, n_w, n_u), ALONE.lines(mechanism.clocks), atol, RTOL, 1.0,
+            (m, n_s, n_w, n_u), ALONE.lines(mechanism.clocks), atol, self.kernels.places, RTOL, 1.0,
         )  # fmt: skip
 
     def reset(self) -> None:
@@ -207,7 +208,7 @@ class OnlineEstimator:
         sliding[m : 2 * m] = np.where(np.abs(X[m : 2 * m]) > deviation, X[m : 2 * m], deviation)
         moves = bool((np.abs(X[m : 2 * m]) > 3 * deviation).any())
         if self.mechanism.memory:
-            held = steady_bristle(self.kernels, sliding, u, p)
+            held = steady_bristles(self.kernels, sliding, u, p)[0]
             state[-1] = held if moves and np.isfinite(held) else 0.0
             P[n_s - 1, n_s - 1] = held**2 if np.isfinite(held) else 0.0
         if not moves:

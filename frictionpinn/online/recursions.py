@@ -42,6 +42,7 @@ class Equations(NamedTuple):
         sizes: m (free coordinates), n_s, n_w, n_u.
         clocks: value at t = 0 and slope of the clocks that are the last inputs, shape (n_clocks, 2).
         atol, rtol: tolerances of the integrator, atol of shape (n_s,).
+        places: contact of each state behind the velocities.
         spread: distance of the sigma points, in standard deviations.
     """
 
@@ -57,6 +58,7 @@ class Equations(NamedTuple):
     sizes: tuple[int, int, int, int]
     clocks: np.ndarray
     atol: np.ndarray
+    places: np.ndarray
     rtol: float
     spread: float
 
@@ -116,7 +118,7 @@ def flow(eq, X, now, h):
         return OK, start
     result = integrate(
         eq.newton, eq.a, eq.c, eq.error, eq.order, np.array([0.0, h]), inputs(eq, X, now), parameters(eq, X), m,
-        eq.atol, eq.rtol, 1e-2, start, np.empty(0, np.int64), np.empty((0, 2)),
+        eq.atol, eq.places, eq.rtol, 1e-2, start, np.empty(0, np.int64), np.empty((0, 2)),
     )  # fmt: skip
     return result[0], result[2][1].copy()
 

@@ -4,7 +4,7 @@ from .base import CONTACT, Contact, FrictionLaw, Parameter
 from .effect import Effect
 from .effects import EFFECTS
 from .friction import LAWS
-from .system import Coordinate, Input, System
+from .system import Coordinate, FrictionalContact, Input, System
 from .systems import SYSTEMS
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "Coordinate",
     "Effect",
     "FrictionLaw",
+    "FrictionalContact",
     "Input",
     "Parameter",
     "System",

@@ -124,6 +124,10 @@ class FrictionLaw:
                     fix=f"raise {upper} or lower {lower}",
                 )
 
+    def at(self, contact: str) -> FrictionLaw:
+        """The law at a contact: this one, unless it holds one for each (see :mod:`.contacts`)."""
+        return self
+
     @property
     def symbols(self) -> SimpleNamespace:
         """Namespace of the parameter symbols, ``p.mu_c``."""

@@ -1,10 +1,10 @@
-"""A mechanism: a system, a friction law and effects, as the equations that everything else is derived from."""
+"""A mechanism: a system, friction laws and effects, as the equations that everything else is derived from."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from numbers import Real
 from types import SimpleNamespace
@@ -14,7 +14,9 @@ import sympy as sp
 
 from ..errors import UserError, nearest
 from ..show import Shown, Table, readable_unit
-from .base import CONTACT, SESSION, TIME, TRIAL, Contact, FrictionLaw, Parameter
+from .base import SESSION, TIME, TRIAL, Contact, FrictionLaw, Parameter
+from .contact_friction import ContactFriction
+from .contacts import laws_of
 from .effect import Effect, State
 from .effects import chosen
 from .system import Coordinate, System
@@ -27,11 +29,16 @@ class Mechanism(Shown):
     """System, friction law and effects together.
 
     The implicit equations of motion are R(q, v, a, z, z', u, c; p) = 0 with one row for each free coordinate,
-    E + J F_f(v_slip, F_N, z, z'), and for a law with memory the row z' - rate(v_slip, F_N, z). ``u`` holds position,
-    velocity and acceleration of every driven coordinate, then the inputs; ``c`` the clocks that effects read.
+    E + sum_k J_k F_k(v_k, N_k, z_k, z_k') over the contacts k, and for each of them whose law has memory the row
+    z_k' - rate(v_k, N_k, z_k). ``u`` holds position, velocity and acceleration of every driven coordinate, then the
+    inputs; ``c`` the clocks that effects read.
 
     Effects, given by name or as objects, enter these equations with parameters of their own; at the neutral values of
     those the equations are the ones without effects.
+
+    On a system with several contacts the law is one for all, or a table with one for each contact (``law`` is then a
+    :class:`.contacts.ContactLaws`), parameters carry the contact's name (``hinge.mu_c``), and an effect that acts at a
+    contact says at which (``asymmetry@hinge``).
     """
 
     system: System
@@ -39,6 +46,7 @@ class Mechanism(Shown):
     effects: tuple[Effect, ...] = ()
 
     def __post_init__(self):
+        object.__setattr__(self, "law", laws_of(self.system, self.law))
         object.__setattr__(self, "effects", chosen(self.effects, self.system, self.law))
 
     @property
@@ -72,7 +80,9 @@ class Mechanism(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """System, law and effects by name, and the values of the system's parameters."""
-        return {"system": self.system.name, "parameters": dict(self.system.values), "friction": self.law.name,
+        laws = {contact.name: contact.law.name for contact in self.contacts}
+        friction = self.law.name if len(laws) == 1 else laws
+        return {"system": self.system.name, "parameters": dict(self.system.values), "friction": friction,
                 "effects": [effect.name for effect in self.effects]}  # fmt: skip
 
     def check_names(self, names: Iterable[str], where: str) -> None:
@@ -104,15 +114,38 @@ class Mechanism(Shown):
         """Coordinates whose motion a simulation is given."""
         return tuple(c for c in self.system.moving if c not in self.free)
 
-    @property
-    def memory(self) -> bool:
-        """Whether there is a bristle state, of the law or of an effect."""
-        return self.law.memory or any(effect.memory for effect in self.effects)
+    @cached_property
+    def contacts(self) -> tuple[ContactFriction, ...]:
+        """Friction at each contact."""
+        return tuple(ContactFriction(self, contact.name) for contact in self.system.contacts)
 
     @property
+    def only(self) -> ContactFriction:
+        """Friction at the only contact.
+
+        Raises:
+            UserError: there are several.
+        """
+        if len(self.contacts) > 1:
+            names = ", ".join(contact.name for contact in self.contacts)
+            raise UserError(f"system {self.system.name} has several contacts", where="system", received=names,
+                            allowed="a system with one contact here", fix="choose such a system")  # fmt: skip
+        return self.contacts[0]
+
+    @cached_property
+    def bristles(self) -> tuple[ContactFriction, ...]:
+        """The contacts with a bristle state, of the law or of an effect."""
+        return tuple(contact for contact in self.contacts if contact.memory)
+
+    @property
+    def memory(self) -> bool:
+        """Whether there is a bristle state."""
+        return bool(self.bristles)
+
+    @cached_property
     def states(self) -> tuple[State, ...]:
-        """Further states, of effects."""
-        return tuple(state for effect in self.effects for state in effect.states)
+        """Further states, of effects, contact by contact."""
+        return tuple(state for contact in self.contacts for state in contact.states)
 
     @property
     def inputs(self) -> tuple[sp.Symbol, ...]:
@@ -127,65 +160,48 @@ class Mechanism(Shown):
         return (*motion, *(item.name for item in self.system.inputs))
 
     # the equations -------------------------------------------------------------------------------------------
-    def _replaced(self, expr: sp.Expr) -> sp.Expr:
-        """The expression with the symbols that effects replace."""
-        for effect in self.effects:
+    def _replaced(self, expr: sp.Expr, effects: Iterable[Effect] | None = None) -> sp.Expr:
+        """The expression with the symbols that effects replace, by default all of them."""
+        for effect in self.effects if effects is None else effects:
             expr = sp.sympify(expr).xreplace(effect.replace(self.system, self.law, self.p))
         return expr
 
-    def _in_motion(self, expr: sp.Expr) -> sp.Expr:
-        """An expression of the contact in terms of the motion."""
-        if not self.effects:
-            return sp.sympify(expr).subs(self.contact)
-        return self._replaced(expr).xreplace(self.contact)
-
-    @cached_property
-    def contact(self) -> dict[sp.Symbol, sp.Expr]:
-        """Slip velocity and normal force in terms of the motion; with effects, slip position and acceleration too."""
-        system = self.system
-        if not self.effects:
-            return {CONTACT.v: system.v_slip, CONTACT.N: system.N}
-        seen = {CONTACT.v: system.v_slip, CONTACT.N: system.N, CONTACT.a: system.a_slip}
-        if system.slip_position is not None:
-            seen[CONTACT.s] = system.slip_position
-        return {symbol: self._replaced(expr) for symbol, expr in seen.items()}
-
-    @cached_property
-    def _seen(self) -> Contact:
-        """The contact as the law sees it: with the load and the bristle's deflection that effects leave."""
-        N, z = CONTACT.N, CONTACT.z
-        for effect in self.effects:
-            N, z = effect.load(N, CONTACT, self.p), effect.deflection(z, self.p)
-        zdot = CONTACT.zdot if z == CONTACT.z else sp.diff(z, CONTACT.z) * CONTACT.zdot
-        return replace(CONTACT, N=N, z=z, zdot=zdot)
-
-    @cached_property
-    def friction(self) -> sp.Expr:
-        """Friction force of law and effects in terms of the motion, z and z'; with the inertia of an imposed motion."""
-        force = sp.sympify(self.law.force(self._seen, self.law.symbols))
-        force = self._in_motion(sum((e.force(self._seen, self.p, self.law) for e in self.effects), start=force))
-        return force + self._replaced(self.system.carried)
-
-    @cached_property
-    def bristle_rate(self) -> sp.Expr:
-        """z' in terms of the motion and z; 0 where there is no bristle."""
-        if self.law.memory:
-            return self._in_motion(self.law.bristle_rate(self._seen, self.law.symbols))
-        for effect in self.effects:
-            if effect.memory:
-                return self._in_motion(effect.bristle_rate(self._seen, self.p, self.law))
-        return sp.Integer(0)
-
     @cached_property
     def residuals(self) -> tuple[sp.Expr, ...]:
-        """The rows R: free coordinates, states of effects, the bristle state last."""
-        system = self.system
-        rows = [self._replaced(system.residual(c)) + system.jacobian[c.name] * self.friction for c in self.free]
-        rates = [rate for effect in self.effects for rate in effect.state_rates(self._seen, self.p)]
-        rows += [state.rate - self._in_motion(rate) for state, rate in zip(self.states, rates, strict=True)]
-        if self.memory:
-            rows.append(CONTACT.zdot - self.bristle_rate)
+        """The rows R: free coordinates, states of effects, the bristle states last."""
+        whole = [e for e in self.effects if len(self.contacts) == 1 or e.whole]
+        rows = []
+        for c in self.free:
+            row = self._replaced(self.system.residual(c), whole)
+            for contact in self.contacts:
+                row = row + contact.system.jacobian[c.name] * contact.friction
+            rows.append(row)
+        rows += [row for contact in self.contacts for row in contact.state_rows]
+        rows += [contact.zdot - contact.bristle_rate for contact in self.bristles]
         return tuple(rows)
+
+    # the only contact, see ContactFriction -------------------------------------------------------------------
+    @property
+    def contact(self) -> dict[sp.Symbol, sp.Expr]:
+        """Slip velocity and normal force in terms of the motion."""
+        return self.only.motion
+
+    @property
+    def friction(self) -> sp.Expr:
+        """Friction force in terms of the motion, z and z'."""
+        return self.only.friction
+
+    @property
+    def bristle_rate(self) -> sp.Expr:
+        """z' in terms of the motion and z."""
+        return self.only.bristle_rate
+
+    @property
+    def _seen(self) -> Contact:
+        return self.only.seen
+
+    def _in_motion(self, expr: sp.Expr) -> sp.Expr:
+        return self.only.in_motion(expr)
 
     # what is measured ----------------------------------------------------------------------------------------
     @property
@@ -215,5 +231,6 @@ class Mechanism(Shown):
     @cached_property
     def clocks(self) -> tuple[sp.Symbol, ...]:
         """What enters the equations of the time of the trial, the time of the session and the trial's number."""
-        found = set().union(*(sp.sympify(expr).free_symbols for expr in (*self.residuals, self.friction)))
+        forces = [contact.friction for contact in self.contacts]
+        found = set().union(*(sp.sympify(expr).free_symbols for expr in (*self.residuals, *forces)))
         return tuple(symbol for symbol in (TIME, SESSION, TRIAL) if symbol in found)

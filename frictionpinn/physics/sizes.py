@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -42,6 +42,10 @@ class Sizes:
             "kg": self.force * time**2 / stroke,
         }  # fmt: skip
 
+    def at(self, name: str) -> Sizes:
+        """Orders of magnitude at the contact of a parameter of that name."""
+        return self
+
     def of(self, par: Parameter) -> float:
         """Size of a parameter, SI unit: of the values that its effect would scan, else of its unit."""
         if par.scan is not None:
@@ -62,3 +66,21 @@ class Sizes:
         """Middle of a scan, SI unit, as it is spaced."""
         low, high = self.ends(scan)
         return (low + high) / 2 if scan.spacing == "linear" else float(np.sqrt(low * high))
+
+
+@dataclass(frozen=True)
+class SizesByContact(Sizes):
+    """Orders of magnitude at each of several contacts; those of the first for what belongs to none of them.
+
+    Attributes:
+        contacts: name of a contact -> orders of magnitude there.
+    """
+
+    contacts: Mapping[str, Sizes] = field(default_factory=dict)
+
+    def at(self, name: str) -> Sizes:
+        return self.contacts.get(name.rpartition(".")[0], self)
+
+    def of(self, par: Parameter) -> float:
+        here = self.at(par.name)
+        return super().of(par) if here is self else here.of(par)

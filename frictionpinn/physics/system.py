@@ -1,56 +1,23 @@
-"""A mechanical system with one frictional contact, derived from its energies by Lagrange's method."""
+"""A mechanical system with frictional contacts, derived from its energies by Lagrange's method."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from copy import copy
 from functools import cached_property, lru_cache
 from types import SimpleNamespace
 
-import numpy as np
 import sympy as sp
 
 from ..errors import UserError, nearest
 from .base import TIME, Parameter
+from .declarations import Coordinate, FrictionalContact, Input, check_imposed, check_value, checked_driven
 
-__all__ = ["TIME", "Coordinate", "Input", "System"]
+__all__ = ["TIME", "Coordinate", "FrictionalContact", "Input", "System"]
+
+# What a system with several contacts derives anew for each of them.
+OF_ONE_CONTACT = ("v_slip", "N", "jacobian", "slip_position", "a_slip", "a_frictionless", "friction_implied", "_views")
 
 _simplified = lru_cache(maxsize=1024)(sp.simplify)  # systems of one kind derive the same equations again and again
-
-
-@dataclass(frozen=True)
-class Coordinate:
-    """A generalised coordinate and the signals that measure it.
-
-    Attributes:
-        signals: names of position, velocity and acceleration in a recording, ("x", "v", "a").
-        units: their SI units.
-        constrained: held at zero by the contact; its equation of motion gives the normal force.
-    """
-
-    name: str
-    signals: tuple[str, str, str] = ("", "", "")
-    units: tuple[str, str, str] = ("m", "m/s", "m/s^2")
-    constrained: bool = False
-
-    @cached_property
-    def symbols(self) -> tuple[sp.Symbol, sp.Symbol, sp.Symbol]:
-        """Symbols of position, velocity and acceleration."""
-        q, qd, qdd = sp.symbols(f"{self.name} {self.name}_dot {self.name}_ddot", real=True)
-        return q, qd, qdd
-
-
-@dataclass(frozen=True)
-class Input:
-    """A measured or prescribed generalised force: signal name, SI unit, and what it is."""
-
-    name: str
-    unit: str
-    text: str
-
-    @property
-    def symbol(self) -> sp.Symbol:
-        """The symbol that stands for it."""
-        return sp.Symbol(f"{self.name}_in", real=True)
 
 
 class System:
@@ -62,9 +29,14 @@ class System:
     the parameter symbols.
 
     With E the Euler-Lagrange expression of a coordinate (left-hand side minus applied forces) and
-    J = d v_slip / d qd, the equation of motion is E + J F_f = 0.
+    J_k = d v_slip_k / d qd, the equation of motion is E + sum_k J_k F_k = 0 over the contacts k.
+
+    A system with several contacts names them in ``contacts``; :meth:`slip_velocity` and :meth:`normal_force` then
+    return a table by contact. ``v_slip``, ``N`` and all that follows from them belong to one contact: ask for them as
+    ``system.at("hinge").v_slip``.
 
     Attributes:
+        contacts: its contacts; one without a name where a subclass says nothing.
         driven: coordinates whose motion is prescribed when simulating (the swing of the PoB).
         massless: the motion is imposed and the force measured: no equation of motion is integrated (damper, or any
             system of one coordinate with ``imposed``: its inertia then adds to the force that is predicted).
@@ -79,6 +51,7 @@ class System:
     parameters: tuple[Parameter, ...] = ()
     driven: tuple[str, ...] = ()
     massless: bool = False
+    contacts: tuple[FrictionalContact, ...] = ()
     force_unit: str = "N"
     slip_unit: str = "m"
     lever: tuple[str, str] | None = None
@@ -99,73 +72,21 @@ class System:
                 allowed=", ".join(self.equations_allowed),
                 fix=nearest(equations, self.equations_allowed) or "use the default, lagrange",
             )
+        self.contacts = self.contacts or (FrictionalContact("", self.force_unit, self.slip_unit),)
         self.equations = equations
-        self.driven = self.driven if driven is None else self._checked_driven(driven)
+        self.driven = self.driven if driven is None else checked_driven(self, driven)
         self.values = {par.name: par.value for par in self.parameters}
         for name, value in values.items():
-            self._check(name, value)
+            check_value(self, name, value)
             self.values[name] = float(value)
         self.imposed = bool(imposed)
         if self.imposed and not type(self).massless:
-            self._check_imposed()
+            check_imposed(self)
             self.massless = True
 
     def __repr__(self) -> str:
         values = ", ".join(f"{par.name} = {self.values[par.name]:g} {par.unit}" for par in self.parameters)
         return f"{self.name}, {self.title}: {values}"
-
-    def _check_imposed(self) -> None:
-        """Raise :class:`UserError` where the input is not a force along the slip of the only coordinate."""
-        for c in self.moving:
-            u = self.inputs[0].symbol if len(self.inputs) == 1 else sp.Integer(0)
-            if len(self.moving) > 1 or sp.diff(self.residual(c), u) != -1 or self.jacobian[c.name] != 1:
-                raise UserError(
-                    f"the motion of system {self.name} cannot be imposed",
-                    where="system.imposed",
-                    received=True,
-                    allowed="false; true for one coordinate that one measured force moves",
-                    fix="leave system.imposed at false",
-                )
-
-    def _check(self, name: str, value: float) -> None:
-        table = {par.name: par for par in self.parameters}
-        where = f"system.parameters.{name}"
-        if name not in table:
-            raise UserError(
-                f"unknown parameter of system {self.name}",
-                where=where,
-                received=value,
-                allowed=", ".join(table),
-                fix=nearest(name, table) or "use one of the allowed names",
-            )
-        par = table[name]
-        try:
-            massless = float(value) == 0 and "kg" in par.unit
-            inside = par.low <= float(value) <= par.high and not massless and np.isfinite(float(value))
-            inside = inside and not isinstance(value, bool)
-        except (TypeError, ValueError):
-            inside = False
-        if not inside:
-            raise UserError(
-                f"{par.text} out of its physical range",
-                where=where,
-                received=f"{value} {par.unit}",
-                allowed=f"{par.low:g} to {par.high:g} {par.unit}" + (" (not 0)" if "kg" in par.unit else ""),
-                fix="give the measured value in SI units",
-            )
-
-    def _checked_driven(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        valid = [c.name for c in self.moving]
-        for name in (names,) if isinstance(names, str) else names:
-            if isinstance(names, str) or name not in valid:
-                raise UserError(
-                    "not a list of coordinates",
-                    where="system.driven",
-                    received=repr(names),
-                    allowed=", ".join(valid),
-                    fix=nearest(name, valid) or "give a list of these names",
-                )
-        return tuple(names)
 
     # what a subclass says ------------------------------------------------------------------------------------
     def kinetic(self, s: SimpleNamespace, p: SimpleNamespace) -> sp.Expr:
@@ -184,16 +105,64 @@ class System:
         """Generalised applied force of each coordinate, by the coordinate's name."""
         return {}
 
-    def slip_velocity(self, s: SimpleNamespace, p: SimpleNamespace) -> sp.Expr:
-        """Slip velocity of the contact, linear in the generalised velocities."""
+    def slip_velocity(self, s: SimpleNamespace, p: SimpleNamespace) -> sp.Expr | dict[str, sp.Expr]:
+        """Slip velocity of the contact, or of each by name, linear in the generalised velocities."""
         raise NotImplementedError
 
-    def normal_force(self, s: SimpleNamespace, p: SimpleNamespace) -> sp.Expr:
-        """Normal force; by default the constraint force of the constrained coordinate."""
+    def normal_force(self, s: SimpleNamespace, p: SimpleNamespace) -> sp.Expr | dict[str, sp.Expr]:
+        """Normal force of the contact, or of each by name; by default the constraint force."""
+        return self.constraint_force()
+
+    def constraint_force(self) -> sp.Expr:
+        """The force that holds the constrained coordinate at zero: its Euler-Lagrange expression."""
         for coordinate in self.coordinates:
             if coordinate.constrained:
                 return self.euler_lagrange(coordinate)
         raise NotImplementedError
+
+    # its contacts --------------------------------------------------------------------------------------------
+    def at(self, contact: str) -> System:
+        """The system as one contact sees it: ``v_slip``, ``N``, units and all that follows are that contact's.
+
+        Raises:
+            UserError: it has no such contact.
+        """
+        if len(self.contacts) == 1 and contact in ("", self.contacts[0].name):
+            return self
+        if contact not in self._views:
+            raise UserError(f"unknown contact of system {self.name}", where="contact", received=contact,
+                            allowed=", ".join(self._views) or "none by name",
+                            fix=nearest(contact, self._views))  # fmt: skip
+        return self._views[contact]
+
+    @cached_property
+    def _views(self) -> dict[str, System]:
+        views: dict[str, System] = {}
+        for contact in self.contacts if len(self.contacts) > 1 else ():
+            views[contact.name] = view = copy(self)
+            for name in OF_ONE_CONTACT:
+                view.__dict__.pop(name, None)
+            view.contacts, view._whole = (contact,), self
+            view.force_unit, view.slip_unit = contact.force_unit, contact.slip_unit
+        return views
+
+    _whole: System | None = None  # of a view: the system with all contacts
+
+    @property
+    def whole(self) -> System:
+        """The system with all its contacts."""
+        return self._whole or self
+
+    def _of_contact(self, said: sp.Expr | dict[str, sp.Expr]) -> sp.Expr:
+        """What :meth:`slip_velocity` or :meth:`normal_force` says of the only contact."""
+        if not isinstance(said, dict):
+            return sp.sympify(said)
+        if len(self.contacts) > 1:
+            names = ", ".join(contact.name for contact in self.contacts)
+            raise UserError(f"system {self.name} has several contacts", where="system", received=self.name,
+                            allowed="a system with one contact here",
+                            fix=f"ask for one of them: {names}")  # fmt: skip
+        return sp.sympify(said[self.contacts[0].name])
 
     # what follows from it ------------------------------------------------------------------------------------
     @cached_property
@@ -253,12 +222,12 @@ class System:
     @cached_property
     def v_slip(self) -> sp.Expr:
         """Slip velocity as an expression."""
-        return self._contact_holds(sp.sympify(self.slip_velocity(self.s, self.p)))
+        return self._contact_holds(self._of_contact(self.slip_velocity(self.s, self.p)))
 
     @cached_property
     def N(self) -> sp.Expr:
         """Normal force as an expression."""
-        return self._contact_holds(sp.sympify(self.normal_force(self.s, self.p)))
+        return self._contact_holds(self._of_contact(self.normal_force(self.s, self.p)))
 
     @cached_property
     def jacobian(self) -> dict[str, sp.Expr]:
@@ -286,15 +255,34 @@ class System:
 
     @cached_property
     def acting(self) -> frozenset[sp.Symbol]:
-        """Symbols that take part in what a simulation solves: the free coordinates' equations and the contact."""
+        """Symbols that take part in what a simulation solves: the free coordinates' equations and the contacts."""
         rows = (self.carried,) if self.massless else tuple(self.residual(c) for c in self.free)
-        return frozenset().union(*(sp.sympify(e).free_symbols for e in (self.v_slip, self.N, *rows)))
+        at_contacts = (e for view in self.each for e in (view.v_slip, view.N))
+        return frozenset().union(*(sp.sympify(e).free_symbols for e in (*at_contacts, *rows)))
+
+    @property
+    def each(self) -> tuple[System, ...]:
+        """The system as each of its contacts sees it."""
+        return tuple(self.whole.at(contact.name) for contact in self.whole.contacts)
 
     @cached_property
     def friction_implied(self) -> sp.Expr:
-        """The friction force that the measured motion implies: the least-squares solution of E + J F_f = 0."""
-        rows = [(self.jacobian[c.name], self.residual(c)) for c in self.free if self.jacobian[c.name] != 0]
-        return _simplified(-sum(j * e for j, e in rows) / sum(j * j for j, _ in rows))
+        """The friction force that the measured motion implies: the least-squares solution of E + sum_k J_k F_k = 0.
+
+        Raises:
+            UserError: fewer equations than contacts hold a friction force, and do not tell the forces apart.
+        """
+        views = self.each
+        rows = [([view.jacobian[c.name] for view in views], self.residual(c)) for c in self.free]
+        J, E = (sp.Matrix([row[k] for row in rows if any(j != 0 for j in row[0])]) for k in (0, 1))
+        if J.rank() < len(views):
+            raise UserError("the equations of motion do not tell the friction forces apart", where="system",
+                            received=f"{self.name}, {', '.join(c.name for c in self.whole.contacts)}",
+                            allowed="as many free coordinates as contacts", fix="simulate instead: diagnose.py, "
+                            "identify.py methods=[maximum_likelihood]")  # fmt: skip
+        J.simplify()
+        implied = -(J.T * J).inv() * J.T * E
+        return _simplified(implied[views.index(self)])
 
     @cached_property
     def a_slip(self) -> sp.Expr:
@@ -320,5 +308,6 @@ class System:
         return {name: unit for name, unit in units.items() if name}
 
     def unit(self, parameter: Parameter) -> str:
-        """Unit of a law's parameter on this system: {F} and {L} become the units of force and slip."""
-        return parameter.unit.format(F=self.force_unit, L=self.slip_unit)
+        """Unit of a law's parameter on this system: {F} and {L} become its contact's units of force and slip."""
+        contact = self.at(parameter.name.rpartition(".")[0]) if "." in parameter.name else self
+        return parameter.unit.format(F=contact.force_unit, L=contact.slip_unit)

@@ -19,7 +19,8 @@ from ..data.simulated import simulate_recording
 from ..errors import UserError, choose, nearest
 from ..numerics.kalman import KalmanFilter, KalmanSmoother
 from ..numerics.smoothing import NoSmoothing, SavitzkyGolay, Smoother, SmoothingSpline
-from ..physics import SYSTEMS, System
+from ..physics import LAWS, SYSTEMS, FrictionLaw, System
+from ..physics.contacts import by_parameter, law_named, laws_of
 
 Config = dict[str, Any]
 NAMED = 8  # columns by name in a line
@@ -57,6 +58,27 @@ def build_system(cfg: Config) -> System:
     kind = choose(cfg["name"], SYSTEMS, "system")
     imposed = bool(cfg.get("imposed")) and not kind.massless
     return kind(equations=cfg.get("equations", "lagrange"), imposed=imposed, **(cfg.get("parameters") or {}))
+
+
+def build_friction(cfg: Config, system: System) -> FrictionLaw:
+    """The friction law of a system: ``name`` at every contact, but those that ``contacts`` gives one of their own.
+
+    Raises:
+        UserError: an unknown law or contact.
+    """
+    own = mapping(cfg, "contacts", "friction")
+    if not own:
+        return laws_of(system, law_named(cfg["name"], "friction"))
+    everywhere = {contact.name: cfg["name"] for contact in system.contacts if len(system.contacts) > 1}
+    return laws_of(system, law_named(everywhere | own, "friction"))  # type: ignore[arg-type]
+
+
+def law_table(cfg: Config, key: str, law: FrictionLaw) -> dict[str, Any]:
+    """``start``, ``bounds`` or ``fixed`` of the friction law by parameter, without those that are null."""
+    table, known = by_parameter(mapping(cfg, key, "friction"), law), {par.name for par in law.parameters}
+    # What conf/friction says of a law that no contact has, where each was given one of its own.
+    left_out = {par.name for par in LAWS[cfg["name"]].parameters} - known if cfg.get("contacts") else set()
+    return {name: value for name, value in table.items() if value is not None and name not in left_out}
 
 
 def build_noise(cfg: Config) -> Noise:
@@ -100,7 +122,10 @@ def build_recording(cfg: Config, system: System) -> Recording:
     """The recording before noise is added: simulated, from files, or a public set."""
     if cfg["name"] == "simulated":
         obeyed, effects = simulated_system(cfg, system), cfg.get("effects") or {}
-        truth = dict(cfg["truth"]) | {k: v for table in effects.values() for k, v in (table or {}).items()}
+        truth = dict(cfg["truth"])
+        for name, table in effects.items():
+            contact = name.partition("@")[2]
+            truth |= {f"{contact}.{key}" if contact else key: value for key, value in (table or {}).items()}
         return simulate_recording(obeyed, cfg["friction"], truth, cfg["trials"], float(cfg["rate_hz"]), tuple(effects))
     if cfg["name"] == "csv":
         return _from_files(cfg, system)

@@ -20,10 +20,9 @@ from ..diagnose.select import Settings
 from ..diagnose.verdict import FOUND, NO_VERDICT, PARTLY, UNEXPLAINED
 from ..errors import UserError, choose
 from ..identify.result import plain
-from ..physics import LAWS
 from ..physics.effects import EFFECTS
 from ..physics.mechanism import Mechanism
-from .build import Config, build_noise, build_recording, build_system, check_pairing, seed_of
+from .build import Config, build_friction, build_noise, build_recording, build_system, check_pairing, seed_of
 from .configs import called
 from .manifest import write_json
 from .provenance import commit, versions
@@ -50,7 +49,7 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
     options = checked(cfg)
     check_pairing(cfg)
     system = build_system(cfg["system"])
-    law = choose(cfg["friction"]["name"], LAWS, "friction")()
+    law = build_friction(cfg["friction"], system)
     recording = build_noise(cfg["noise"])(build_recording(cfg["data"], system), seed_of(cfg))
     vet(cfg, system, recording, options["free"] or ())
     return report(examine(cfg, Mechanism(system, law, tuple(options["declared"])), recording), cfg, folder)
@@ -68,6 +67,7 @@ def examine(cfg: Config, mechanism: Mechanism, recording: Recording) -> Diagnosi
         UserError: anything that the user can mend.
     """
     options = checked(cfg)
+    _ = mechanism.only  # a diagnosis is of one contact
     recording = chosen_signals(recording, options["signals"])
     fitted, held_out = split(recording, cfg["data"])
     log.info(f"diagnosing {mechanism.name} on {recording.source}: fitted to {', '.join(fitted.names)}; held out: "

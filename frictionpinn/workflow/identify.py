@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ..data.recording import Recording
+from ..data.split import split_trials
 from ..errors import UserError, check_processes, choose
 from ..evaluate.estimators import error_against_time, table
 from ..evaluate.picture import save_png
@@ -21,9 +23,10 @@ from ..evaluate.trajectory import Trajectory, simulate, simulation_error
 from ..evaluate.yardsticks import Candidate
 from ..identify.result import Estimate, plain
 from ..numerics.simulate import Simulator
-from ..physics import LAWS, extensions
+from ..physics import LAWS, System, extensions
+from ..physics.contacts import by_parameter, law_named, laws_of
 from ..physics.mechanism import Mechanism
-from .build import Config, build_system
+from .build import Config, build_friction, build_noise, build_recording, build_system, law_table, seed_of
 from .configs import called
 from .estimate import ESTIMATORS, NETWORKS, estimate, given_start
 from .experiment import build_data
@@ -75,10 +78,11 @@ def compare(cfg: Config) -> dict[str, Any]:
             found = list(pool.map(work, cfg["seeds"]))
     else:
         found = [work(seed) for seed in cfg["seeds"]]
-    system, law = build_system(cfg["system"]), LAWS[cfg["friction"]["name"]]()
-    units = Mechanism(system, law).units
-    names = [par.name for par in LAWS["lugre" if law.name == "lugre_tied" else law.name].parameters if not par.value]
-    units |= Mechanism(system, LAWS["lugre"]()).units
+    system = build_system(cfg["system"])
+    law = build_friction(cfg["friction"], system)
+    shown = LAWS["lugre"]() if law.name == "lugre_tied" and len(system.contacts) == 1 else law
+    names = [par.name for par in shown.parameters if not par.value]
+    units = Mechanism(system, law).units | Mechanism(system, shown).units
     return {
         "system": system.name,
         "friction": law.name,
@@ -89,7 +93,7 @@ def compare(cfg: Config) -> dict[str, Any]:
         "epochs": cfg["epochs"],
         "most_simulations": cfg["simulations"],
         "start": cfg["start"],
-        "truth": cfg["data"].get("truth") if _knows_truth(cfg) else None,
+        "truth": by_parameter(cfg["data"]["truth"], law) if _knows_truth(cfg, system) else None,
         "units": {name: units[name] for name in names} | {"force_mse": squared(system.force_unit)},
         "methods": {method: [runs[method] for runs in found] for method in cfg["methods"]},
     }
@@ -101,20 +105,14 @@ def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
     extensions.load(cfg.get("extensions") or ())  # in a process of its own
     cfg = cfg | {"seed": seed}
     system = build_system(cfg["system"])
-    mechanism = Mechanism(system, LAWS[cfg["friction"]["name"]]())
+    mechanism = Mechanism(system, build_friction(cfg["friction"], system))
     origin = cfg["start"]
     given = {} if origin is None or origin in NETWORKS else given_start(origin, mechanism)
-    data = build_data(cfg, system)
-    vet(cfg, system, data.recording)
-    recording = data.recording.select(data.splits["train"])
-    if cfg["data"]["name"] == "simulated":
-        trajectories = build_trajectories(transferred(cfg, None, None), system, data, {"seeds": []})
-    else:
-        trajectories = recorded_trajectories(cfg, system, data)
+    recording, trajectories = _recorded(cfg, system)
     bounds = bounds_of(cfg, seed)
-    start = start_within(bounds, seed) if bounds else dict(_given(cfg["friction"]["start"]))
+    start = start_within(bounds, seed) if bounds else law_table(cfg["friction"], "start", mechanism.law)
     start = within(bounds, start | given) if given else start
-    options: dict[str, Any] = {"bounds": bounds, "fixed": _given(cfg["friction"]["fixed"])}
+    options: dict[str, Any] = {"bounds": bounds, "fixed": law_table(cfg["friction"], "fixed", mechanism.law)}
     options |= {"seed": seed, "epochs": cfg["epochs"]}
     estimate("least_squares", mechanism, recording, start=start, simulations=2, **options)  # compiles the equations
     simulations = np.inf if cfg["simulations"] is None else float(cfg["simulations"])
@@ -136,6 +134,22 @@ def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
     return {method: result[method] for method in cfg["methods"]}
 
 
+def _recorded(cfg: Config, system: System) -> tuple[Recording, list[Trajectory]]:
+    """The recording to identify from, and the trajectories that score the force; none with several contacts."""
+    if len(system.contacts) > 1:
+        noisy = build_noise(cfg["noise"])(build_recording(cfg["data"], system), seed_of(cfg))
+        vet(cfg, system, noisy)
+        table = cfg["data"]
+        splits = split_trials(noisy.names, table.get("held_out"), table.get("validation"), table.get("training_trials"))
+        return noisy.select(splits["train"]), []
+    data = build_data(cfg, system)
+    vet(cfg, system, data.recording)
+    recording = data.recording.select(data.splits["train"])
+    if cfg["data"]["name"] == "simulated":
+        return recording, build_trajectories(transferred(cfg, None, None), system, data, {"seeds": []})
+    return recording, recorded_trajectories(cfg, system, data)
+
+
 class Scorer:
     """Mean square error of the force where a law with given parameters is simulated on trajectories."""
 
@@ -144,8 +158,8 @@ class Scorer:
         self.simulator = Simulator(mechanism)
 
     def __call__(self, values: Mapping[str, float]) -> float | None:
-        """None where a value is missing or the mechanism cannot be simulated."""
-        if not all(np.isfinite(value) for value in values.values()):
+        """None where a value is missing, the mechanism cannot be simulated, or there is nothing to compare with."""
+        if not self.trajectories or not all(np.isfinite(value) for value in values.values()):
             return None
         p = self.fixed | dict(values)
         candidate = Candidate("", simulate=lambda path, y0: self.simulator.simulate(path.t, path, p, y0, z0="steady"))
@@ -184,11 +198,12 @@ def _entry(found: Estimate, processor: float, scorer: Scorer, start: Mapping[str
 
 def bounds_of(cfg: Config, seed: int) -> dict[str, list[float]]:
     """Bounds by name: around the truth as ``bounds`` says, else (and before it) those of the friction law."""
-    spec, given = cfg["bounds"], _given(cfg["friction"]["bounds"])
+    law = build_friction(cfg["friction"], build_system(cfg["system"]))
+    spec, given = cfg["bounds"], law_table(cfg["friction"], "bounds", law)
     if spec["low"] is None:
         return given
-    names = [par.name for par in LAWS[cfg["friction"]["name"]].parameters if par.value is None]
-    truth = cfg["data"]["truth"]
+    names = [par.name for par in law.parameters if par.value is None]
+    truth = by_parameter(cfg["data"]["truth"], law)
     moved = 10 ** np.random.default_rng([seed, 1]).uniform(-spec["shift"], spec["shift"], len(names))
     return {
         name: [float(truth[name] * spec["low"] * by), float(truth[name] * spec["high"] * by)]
@@ -205,19 +220,22 @@ def start_within(bounds: Mapping[str, list[float]], seed: int) -> dict[str, floa
 def within(bounds: Mapping[str, list[float]], start: Mapping[str, float]) -> dict[str, float]:
     """The start moved inside the bounds, the static coefficient above the Coulomb one."""
     moved = {name: float(np.clip(value, *bounds.get(name, (-np.inf, np.inf)))) for name, value in start.items()}
-    if "mu_s" in moved and "mu_c" in moved:
-        highest = bounds["mu_s"][1] if "mu_s" in bounds else np.inf
-        moved["mu_s"] = min(max(moved["mu_s"], 1.05 * moved["mu_c"]), highest)
-        moved["mu_c"] = min(moved["mu_c"], moved["mu_s"] / 1.01)
+    for mu_s in (name for name in moved if name.rpartition(".")[2] == "mu_s"):
+        if (mu_c := f"{mu_s[:-1]}c") in moved:
+            highest = bounds[mu_s][1] if mu_s in bounds else np.inf
+            moved[mu_s] = min(max(moved[mu_s], 1.05 * moved[mu_c]), highest)
+            moved[mu_c] = min(moved[mu_c], moved[mu_s] / 1.01)
     return moved
 
 
-def _given(table: Mapping[str, Any] | None) -> dict[str, Any]:
-    return {name: value for name, value in (table or {}).items() if value is not None}
-
-
-def _knows_truth(cfg: Config) -> bool:
-    return cfg["data"]["name"] == "simulated" and cfg["data"]["friction"] in ("lugre", cfg["friction"]["name"])
+def _knows_truth(cfg: Config, system: System) -> bool:
+    """Whether the data are simulated with parameters that the law to identify has."""
+    table = cfg["data"]
+    if table["name"] != "simulated":
+        return False
+    obeyed = laws_of(system, law_named(table["friction"], "data.friction"))
+    law = build_friction(cfg["friction"], system)
+    return all(obeyed.at(c.name).name in ("lugre", law.at(c.name).name) for c in system.contacts)
 
 
 def _check(cfg: Config) -> None:
@@ -233,17 +251,22 @@ def _check(cfg: Config) -> None:
     most = cfg["simulations"]
     if most is not None and (isinstance(most, bool) or not isinstance(most, int | float) or not most >= 1):
         raise UserError("impossible number", where="simulations", received=repr(most), allowed="at least 1, or null")
-    law, networks = LAWS[cfg["friction"]["name"]], [method for method in methods if method in NETWORKS]
+    system = build_system(cfg["system"])
+    law, networks = build_friction(cfg["friction"], system), [method for method in methods if method in NETWORKS]
+    if networks and len(system.contacts) > 1:
+        others = [method for method in ESTIMATORS if method not in NETWORKS]
+        raise UserError("a network learns the friction of one contact", where="methods", received=networks[0],
+                        allowed=", ".join(others), fix="say methods=[maximum_likelihood]")  # fmt: skip
     if networks and not law.memory:
         raise UserError("a network estimates a law with a bristle state", where="methods", received=networks[0],
                         allowed="maximum_likelihood and searches for this law",
                         fix=f"leave {networks[0]} out, or choose friction=lugre")  # fmt: skip
-    for name, pair in _given(cfg["friction"]["bounds"]).items():
+    for name, pair in law_table(cfg["friction"], "bounds", law).items():
         numbers = isinstance(pair, list) and len(pair) == 2 and all(isinstance(x, int | float) for x in pair)
         if not numbers or not 0 < pair[0] < pair[1]:
             raise UserError("impossible bounds", where=f"friction.bounds.{name}", received=pair,
                             allowed="[low, high] with 0 < low < high", fix="give the lower bound first")  # fmt: skip
-    if cfg["bounds"]["low"] is not None and not _knows_truth(cfg):
+    if cfg["bounds"]["low"] is not None and not _knows_truth(cfg, system):
         raise UserError(
             "bounds around a truth that is not known",
             where="bounds",

@@ -19,6 +19,7 @@ from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from ..errors import UserError, nearest
 from .configs import CONF, Configs, called, quote
+from .contact_options import contact_options
 from .manifest import check_free
 
 
@@ -43,8 +44,8 @@ def composed(name: str, overrides: Sequence[str], own: str | Path | None = None)
     Raises:
         UserError: an unknown option, key or value.
     """
-    configs = Configs(CONF, name, own)
-    _check(configs, list(overrides), many=False)
+    configs, overrides = Configs(CONF, name, own), contact_options(overrides)
+    _check(configs, overrides, many=False)
     with configs.opened():
         return OmegaConf.to_container(configs.compose(overrides), resolve=True)  # type: ignore[return-value]
 

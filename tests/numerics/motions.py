@@ -2,12 +2,17 @@
 
 from functools import cache
 
-from short_paths import LAW_VALUES, PATHS, T
+import numpy as np
+import sympy as sp
+from scipy.integrate import solve_ivp
+from short_paths import LAW_VALUES, PATHS, TRUTH, T
 
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.contacts import by_parameter
 from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.physics.system import TIME
 
 
 @cache
@@ -19,5 +24,41 @@ def values(law, **changed):
     return {par.name: LAW_VALUES[par.name] for par in LAWS[law].parameters} | changed
 
 
+def all_values(sim, **changed):
+    """Values of the law's parameters at every contact, those of the system's own file where it has some."""
+    law = sim.mechanism.law
+    own = by_parameter(TRUTH.get(sim.mechanism.system.name, {}), law)
+    return {par.name: own.get(par.name, LAW_VALUES[par.name.rpartition(".")[2]]) for par in law.parameters} | changed
+
+
 def path(sim, t=T, expressions=None):
     return InputPath.from_expressions(sim.mechanism, t, expressions or PATHS[sim.mechanism.system.name])
+
+
+def radau(mechanism, p, expressions, t, y0):
+    """Reference state, shape (n_s, n): the implicit equations solved for w in every call of Radau."""
+    free, bristles = mechanism.free, mechanism.bristles
+    unknown = [c.symbols[2] for c in free] + [contact.zdot for contact in bristles]
+    state = [c.symbols[0] for c in free] + [c.symbols[1] for c in free] + [contact.z for contact in bristles]
+    given = {}
+    for coordinate in mechanism.driven:
+        for order, symbol in enumerate(coordinate.symbols):
+            given[symbol] = sp.diff(expressions[coordinate.signals[0]], TIME, order)
+    given |= {item.symbol: expressions.get(item.name, 0) for item in mechanism.system.inputs}
+    given |= {par.symbol: p.get(par.name, mechanism.system.values.get(par.name)) for par in mechanism.parameters}
+    given = {symbol: sp.sympify(value) for symbol, value in given.items()}
+    rows = sp.Matrix(mechanism.residuals).subs(given)
+    function = sp.lambdify([TIME, state, unknown], [list(rows), rows.jacobian(unknown).tolist()], "math", cse=True)
+
+    def rate(t, y):
+        w = np.zeros(len(unknown))
+        for _ in range(4):
+            residual, jacobian = function(t, y, w)
+            w = w - np.linalg.solve(np.array(jacobian, float), np.array(residual, float))
+        return w
+
+    m = len(free)
+    solution = solve_ivp(
+        lambda t, y: [*y[m : 2 * m], *rate(t, y)], (t[0], t[-1]), y0, "Radau", t, rtol=1e-9, atol=1e-11, max_step=2e-3
+    )
+    return solution.y

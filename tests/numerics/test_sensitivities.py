@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import sympy as sp
-from motions import path, simulator, values
+from motions import all_values, path, simulator, values
 from short_paths import T
 
 from frictionpinn.numerics.paths import InputPath
@@ -32,20 +32,23 @@ def differences(sim, inputs, p, y0, name, steps, relative, **options):
             runs.append(sim.simulate(inputs.t, inputs, p, y0, steps=steps, **options))
         except SimulationFailed:  # the recorded steps are too long for so large a change
             return {}
-    outputs = ("N", "F", "z", "zdot", "v_slip", *(n for c in sim.mechanism.free for n in c.signals))
+    at_contacts = [contact.z.name.rpartition("z")[0] for contact in sim.mechanism.contacts]
+    outputs = [f"{at}{name}" for at in at_contacts for name in ("N", "F", "z", "zdot", "v_slip")]
+    outputs += [name for c in sim.mechanism.free for name in c.signals]
     above, below = ({name: quantity(run, name) for name in outputs} for run in runs)
     return {name: ((above[name] - below[name]) / (2 * h), 1e-15 * np.abs(above[name]).max() / h) for name in outputs}
 
 
 def quantity(result, name):
-    return result.signals[name] if name in result.signals else getattr(result, name)
+    contact, _, own = name.rpartition(".")
+    return result.signals[name] if name in result.signals else getattr(result.at(contact), own)
 
 
 @pytest.mark.parametrize("law", ["lugre", "dahl", "coulomb_viscous", "stribeck"])
 @pytest.mark.parametrize("system", list(SYSTEMS))
 def test_sensitivities_agree_with_central_differences(system, law):
-    sim, p = simulator(system, law), values(law)
-    inputs = path(sim)
+    sim = simulator(system, law)
+    inputs, p = path(sim), all_values(sim)
     names = [*sim.parameter_names, *(f"{name}(0)" for name in sim.state_names)]
     y0 = dict.fromkeys(sim.state_names, 0.0) | {c.signals[1]: 0.1 for c in sim.mechanism.free}
     result = sim.simulate(T, inputs, p, y0, sensitivities=names)

@@ -5,43 +5,12 @@ import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from motions import path, simulator, values
-from scipy.integrate import solve_ivp
-from short_paths import ALL, PATHS, SWING, T
+from motions import all_values, path, radau, simulator, values
+from short_paths import EVERY, PATHS, SWING, T
 
 from frictionpinn.errors import UserError
 from frictionpinn.numerics.simulate import ContactLost, SimulationFailed, Steps
 from frictionpinn.physics.system import TIME
-
-
-def radau(mechanism, p, expressions, t, y0):
-    """Reference state, shape (n_s, n): the implicit equations solved for w in every call of Radau."""
-    z, zdot = sp.symbols("z zdot", real=True)
-    free, memory = mechanism.free, mechanism.law.memory
-    unknown = [c.symbols[2] for c in free] + ([zdot] if memory else [])
-    state = [c.symbols[0] for c in free] + [c.symbols[1] for c in free] + ([z] if memory else [])
-    given = {}
-    for coordinate in mechanism.driven:
-        for order, symbol in enumerate(coordinate.symbols):
-            given[symbol] = sp.diff(expressions[coordinate.signals[0]], TIME, order)
-    given |= {item.symbol: expressions.get(item.name, 0) for item in mechanism.system.inputs}
-    given |= {par.symbol: p.get(par.name, mechanism.system.values.get(par.name)) for par in mechanism.parameters}
-    given = {symbol: sp.sympify(value) for symbol, value in given.items()}
-    rows = sp.Matrix(mechanism.residuals).subs(given)
-    function = sp.lambdify([TIME, state, unknown], [list(rows), rows.jacobian(unknown).tolist()], "math", cse=True)
-
-    def rate(t, y):
-        w = np.zeros(len(unknown))
-        for _ in range(4):
-            residual, jacobian = function(t, y, w)
-            w = w - np.linalg.solve(np.array(jacobian, float), np.array(residual, float))
-        return w
-
-    m = len(free)
-    solution = solve_ivp(
-        lambda t, y: [*y[m : 2 * m], *rate(t, y)], (t[0], t[-1]), y0, "Radau", t, rtol=1e-9, atol=1e-11, max_step=2e-3
-    )
-    return solution.y
 
 
 @pytest.mark.parametrize("system, law", [("pob", "lugre"), ("pob", "dahl"), ("sdob", "lugre"), ("drive", "stribeck")])
@@ -73,11 +42,11 @@ def test_results_are_consistent_with_the_law():
     np.testing.assert_allclose((s["m_b"] + s["m_L"]) * result.signals["a"] + inertia, -result.F, atol=1e-6)
 
 
-@pytest.mark.parametrize("system, law", ALL)
+@pytest.mark.parametrize("system, law", EVERY)
 def test_every_mechanism_simulates(system, law):
     sim = simulator(system, law)
     for z0 in (0.0, "steady"):
-        result = sim.simulate(T, path(sim), values(law), z0=z0)
+        result = sim.simulate(T, path(sim), all_values(sim), z0=z0)
         for array in (result.q, result.v, result.a, result.z, result.zdot, result.v_slip, result.N, result.F):
             assert np.isfinite(array).all()
         assert set(sim.mechanism.system.signal_units) - {"t"} <= set(result.signals)

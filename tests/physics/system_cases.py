@@ -61,13 +61,27 @@ def random_state(system: System, seed: int) -> dict[str, float]:
     return state | {name: own * rng.uniform(0.5, 1.5) for name, own in system.values.items()}
 
 
-def balance(system: System, coordinate: Coordinate, state: dict[str, float], friction: float) -> float:
-    """E + J F_f of a coordinate."""
-    jacobian = value(system, system.jacobian[coordinate.name], state)
-    return value(system, residuals(system)[coordinate.name], state) + jacobian * friction
+Forces = float | dict[str, float]  # of friction at the only contact, or by contact
 
 
-def forced(system: System, state: dict[str, float], friction: float) -> dict[str, float]:
+def by_contact(system: System, friction: float) -> Forces:
+    """A friction force at the only contact; with several, one that differs from contact to contact."""
+    if len(system.contacts) == 1:
+        return friction
+    return {contact.name: friction * (1 - 0.7 * k) + k for k, contact in enumerate(system.contacts)}
+
+
+def at(friction: Forces, view: System) -> float:
+    return friction[view.contacts[0].name] if isinstance(friction, dict) else friction
+
+
+def balance(system: System, coordinate: Coordinate, state: dict[str, float], friction: Forces) -> float:
+    """E + sum_k J_k F_k of a coordinate."""
+    jacobians = [(value(system, view.jacobian[coordinate.name], state), at(friction, view)) for view in system.each]
+    return value(system, residuals(system)[coordinate.name], state) + sum(J * F for J, F in jacobians)
+
+
+def forced(system: System, state: dict[str, float], friction: Forces) -> dict[str, float]:
     """The state with the accelerations of the free coordinates (or the measured force) that this friction gives."""
     names = [system.inputs[0].symbol.name] if system.massless else [c.symbols[2].name for c in system.free]
 

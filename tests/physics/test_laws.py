@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from frictionpinn.data.units import registry
 from frictionpinn.numerics.torch_functions import LawFunctions, numpy_function
 from frictionpinn.physics import CONTACT, LAWS, SYSTEMS, FrictionLaw
-from frictionpinn.physics.mechanism import Mechanism
 
 TYPICAL = {"mu_c": 0.3, "mu_s": 0.6, "v_s": 1e-3, "sigma_0": 1e5, "sigma_1": 316.23, "sigma_2": 0.4}
 SPREAD = 1.4
@@ -209,8 +208,8 @@ def test_a_law_is_named_documented_and_has_sound_parameters(law):
 @every_law
 @pytest.mark.parametrize("kind", SYSTEMS.values(), ids=SYSTEMS.keys())
 def test_the_force_has_the_dimension_of_the_system_s_force(law, kind):
-    ureg, system, c = registry(), kind(), CONTACT
-    units = Mechanism(system, law).units
+    ureg, c, (system, *_) = registry(), CONTACT, kind().each
+    units = {par.name: system.unit(par) for par in law.parameters}
     p = [ureg.Quantity(value, units[par.name]) for par, value in zip(law.parameters, typical(law), strict=True)]
     slip, load_ = ureg.Quantity(1e-6, system.slip_unit), ureg.Quantity(10.0, system.force_unit)
     slip_rate = slip / ureg.second

@@ -46,11 +46,12 @@ def test_every_equation_has_one_dimension(kind):
         results = [sp.lambdify(symbols, term, "numpy")(*quantities) for term in terms]
         return all(ureg.Quantity(result).is_compatible_with(unit) for result in results)
 
-    assert has_unit(system.v_slip, f"{system.slip_unit}/s")
-    assert has_unit(system.a_slip, f"{system.slip_unit}/s^2")
-    assert has_unit(system.a_frictionless, f"{system.slip_unit}/s^2")
-    assert has_unit(system.N, system.force_unit)
-    assert has_unit(system.friction_implied, system.force_unit)
+    for at in system.each:
+        assert has_unit(at.v_slip, f"{at.slip_unit}/s")
+        assert has_unit(at.a_slip, f"{at.slip_unit}/s^2")
+        assert has_unit(at.a_frictionless, f"{at.slip_unit}/s^2")
+        assert has_unit(at.N, at.force_unit)
+        assert has_unit(at.friction_implied, at.force_unit)
     for c in system.moving:
         assert has_unit(residuals(system)[c.name], "N*m" if c.units[0] == "rad" else "N")
 

@@ -11,8 +11,10 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 from system_cases import (
+    at,
     balance,
     built,
+    by_contact,
     every_form,
     every_kind,
     forced,
@@ -27,6 +29,7 @@ from system_cases import (
     value,
 )
 
+from frictionpinn.errors import UserError
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
@@ -120,8 +123,14 @@ def test_the_published_pendulum_on_a_box_differs_in_inertia_velocity_term_and_no
 @given(seed=seeds, friction=st.floats(-20, 20))
 def test_the_implied_friction_inverts_the_equations_of_motion(kind, form, driven, seed, friction):
     system = built(kind, form, driven)
-    state = forced(system, random_state(system, seed), friction)
-    assert value(system, system.friction_implied, state) == near(friction)
+    forces = by_contact(system, friction)
+    state = forced(system, random_state(system, seed), forces)
+    if len(system.contacts) > len(system.free):
+        with pytest.raises(UserError, match="do not tell the friction forces apart"):
+            _ = system.each[0].friction_implied
+        return
+    for view in system.each:
+        assert value(system, view.friction_implied, state) == near(at(forces, view))
 
 
 @every_form
@@ -130,7 +139,8 @@ def test_the_implied_friction_inverts_the_equations_of_motion(kind, form, driven
 def test_the_frictionless_acceleration_is_that_of_no_friction(kind, form, driven, seed):
     system = built(kind, form, driven)
     state = forced(system, random_state(system, seed), 0.0)
-    assert value(system, system.a_frictionless, state) == near(value(system, system.a_slip, state))
+    for view in system.each:
+        assert value(system, view.a_frictionless, state) == near(value(system, view.a_slip, state))
 
 
 @every_kind
@@ -139,7 +149,8 @@ def test_the_frictionless_acceleration_is_that_of_no_friction(kind, form, driven
 def test_the_slip_acceleration_is_the_rate_of_the_slip_velocity(kind, seed):
     system = built(kind)
     state = random_state(system, seed)
-    assert value(system, system.a_slip, state) == near(rate_of(system, system.v_slip, state), abs=1e-5)
+    for view in system.each:
+        assert value(system, view.a_slip, state) == near(rate_of(system, view.v_slip, state), abs=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -150,12 +161,13 @@ def test_the_slip_acceleration_is_the_rate_of_the_slip_velocity(kind, seed):
 def test_a_mechanism_s_residuals_hold_the_law_s_force(name, law, seed):
     mechanism = Mechanism(built(SYSTEMS[name]), LAWS[law]())
     rng, system = np.random.default_rng(seed), mechanism.system
-    state = random_state(system, seed) | {"z": rng.uniform(-1, 1), "zdot": rng.uniform(-1, 1)}
+    state = random_state(system, seed)
+    state |= {s.name: rng.uniform(-1, 1) for contact in mechanism.contacts for s in (contact.z, contact.zdot)}
     state |= {par.name: rng.uniform(0.5, 1.5) for par in mechanism.law.parameters}
-    friction = value(system, mechanism.friction, state)
-    rows = [balance(system, c, state, friction) for c in mechanism.free]
-    if mechanism.law.memory:
-        rows.append(state["zdot"] - value(system, mechanism.bristle_rate, state))
+    forces = {contact.name: value(system, contact.friction, state) for contact in mechanism.contacts}
+    rows = [balance(system, c, state, forces) for c in mechanism.free]
+    for contact in mechanism.bristles:
+        rows.append(state[contact.zdot.name] - value(system, contact.bristle_rate, state))
     assert [value(system, row, state) for row in mechanism.residuals] == near(rows, rel=1e-9)
 
 
@@ -167,10 +179,12 @@ def test_a_mechanism_s_residuals_hold_the_law_s_force(name, law, seed):
 @given(seed=seeds, friction=st.floats(-20, 20))
 def test_energy_changes_by_what_friction_dampers_and_inputs_do(kind, seed, friction):
     system = built(kind, "lagrange", ())
-    state, s, p = forced(system, random_state(system, seed), friction), system.s, system.p
+    forces = by_contact(system, friction)
+    state, s, p = forced(system, random_state(system, seed), forces), system.s, system.p
     applied = system.applied(s, p)
     power = sum(value(system, sp.sympify(applied.get(c.name, 0)) * c.symbols[1], state) for c in system.moving)
-    power -= friction * value(system, system.v_slip, state) + 2 * value(system, system.dissipation(s, p), state)
+    power -= sum(at(forces, view) * value(system, view.v_slip, state) for view in system.each)
+    power -= 2 * value(system, system.dissipation(s, p), state)
     energy = system.kinetic(s, p) + system.potential(s, p)
     assert rate_of(system, energy, state) == near(power, rel=1e-5, abs=1e-4)
 

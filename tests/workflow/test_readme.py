@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import sys
 
-from documented import PAGES, ROOT, block
+from documented import PAGES, ROOT, block, blocks
 
 from frictionpinn.physics import SYSTEMS
 
@@ -58,3 +58,12 @@ def test_the_example_of_online_use_runs_as_printed(capsys):
     shown = re.search(r"(\S+) N, (\S+) to (\S+); mu_c (\S+)", capsys.readouterr().out)
     force, low, high, mu_c = (float(number) for number in shown.groups())
     assert low <= force <= high and abs(mu_c / 3.0 - 1) < 0.05
+
+
+def test_the_example_of_two_contacts_runs_as_printed(capsys):
+    space = {}
+    for text in blocks("python", "TwoBoxes"):
+        exec(text, space)
+    fitted, truth, shown = space["fitted"], space["truth"], capsys.readouterr().out
+    assert fitted.outcome == "converged" and "back.asymmetry" in shown and "least standard errors" in shown
+    assert all(fitted.ci95[name][0] < value < fitted.ci95[name][1] for name, value in truth.items())

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ...errors import UserError, choose
+from ...errors import UserError, choose, nearest
 from ..base import FrictionLaw
+from ..contacts import LocatedEffect
 from ..effect import Effect
 from ..system import System
 from .adhesion import Adhesion
@@ -76,8 +77,11 @@ __all__ = ["EFFECTS", "Effect", "applicable", "chosen"]
 
 
 def applicable(system: System, law: FrictionLaw, others: Iterable[str] = ()) -> tuple[Effect, ...]:
-    """Every effect that can act on this system with this law, beside the effects named ``others``."""
-    effects = (kind() for kind in EFFECTS.values())
+    """Every effect that can act on this system with this law, beside the effects named ``others``.
+
+    With several contacts, those that act at one are there for each of them: ``asymmetry@hinge``.
+    """
+    effects = [effect for kind in EFFECTS.values() for effect in _everywhere(kind(), system)]
     return tuple(e for e in effects if e.applies(system, law, tuple(others)))
 
 
@@ -85,13 +89,18 @@ def chosen(effects: Iterable[str | Effect], system: System, law: FrictionLaw) ->
     """Effects, by name or made already, in the order in which they act.
 
     Raises:
-        UserError: an unknown or repeated effect, or one that cannot act on this system with this law.
+        UserError: an unknown or repeated effect, one that cannot act on this system with this law, or one that acts at
+            a contact and does not say at which of several.
     """
-    made = [e if isinstance(e, Effect) else choose(e, EFFECTS, "effects")() for e in effects]
+    made = [e if isinstance(e, Effect) else _made(e, system) for e in effects]
     names = tuple(e.name for e in made)
     for effect in made:
         if names.count(effect.name) > 1:
             raise UserError("effect given twice", where="effects", received=effect.name, fix="name it once")
+        places = [e.name for e in _everywhere(effect, system)]
+        if effect.name not in places:
+            raise UserError("effect that does not say at which contact", where="effects", received=effect.name,
+                            allowed=", ".join(places), fix="name its contact")  # fmt: skip
         if not effect.applies(system, law, names):
             raise UserError(
                 f"effect cannot act on system {system.name} with friction {law.name}",
@@ -101,4 +110,26 @@ def chosen(effects: Iterable[str | Effect], system: System, law: FrictionLaw) ->
                 fix="leave it out",
             )
     place = {name: i for i, name in enumerate(EFFECTS)}
-    return tuple(sorted(made, key=lambda e: place.get(e.name, len(place))))
+    return tuple(sorted(made, key=lambda e: place.get(e.name.partition("@")[0], len(place))))
+
+
+def _everywhere(effect: Effect, system: System) -> list[Effect]:
+    """The effect, at every contact where the system has several and it acts at one."""
+    if len(system.contacts) == 1 or effect.whole or isinstance(effect, LocatedEffect):
+        return [effect]
+    return [LocatedEffect(effect, contact.name) for contact in system.contacts]
+
+
+def _made(name: str, system: System) -> Effect:
+    """The effect of a name, ``asymmetry`` or ``asymmetry@hinge``."""
+    kind, at, contact = name.partition("@")
+    effect = choose(kind, EFFECTS, "effects")()
+    if not at:
+        return effect
+    names = [e.contact for e in _everywhere(effect, system) if isinstance(e, LocatedEffect)]
+    if contact not in names:
+        received = f"{name} on system {system.name}"
+        raise UserError("effect at no such contact", where="effects", received=received,
+                        allowed=", ".join(f"{kind}@{c}" for c in names) or kind,
+                        fix=nearest(contact, names))  # fmt: skip
+    return LocatedEffect(effect, contact)

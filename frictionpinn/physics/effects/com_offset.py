@@ -15,6 +15,7 @@ class CentreOfMassOffset(Effect):
     """
 
     name = "com_offset"
+    whole = True
 
     def applies(self, system, law, others=()):
         return system.lever is not None

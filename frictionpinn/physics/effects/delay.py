@@ -16,6 +16,7 @@ class Delay(Effect):
     """
 
     name = "delay"
+    whole = True
 
     def applies(self, system, law, others=()):
         return bool(self._forces(system))

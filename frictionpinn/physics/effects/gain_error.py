@@ -13,6 +13,7 @@ class GainError(Effect):
     """
 
     name = "gain_error"
+    whole = True
 
     def applies(self, system, law, others=()):
         return bool(applied(system))

@@ -13,6 +13,7 @@ class Payload(Effect):
     """
 
     name = "payload"
+    whole = True
 
     def applies(self, system, law, others=()):
         return bool(self.parameters_on(system, law))

@@ -13,6 +13,7 @@ class SensorBias(Effect):
     """
 
     name = "sensor_bias"
+    whole = True
 
     def make_parameters(self, system, law):
         units = predicted(system) | {name: unit for name, (unit, _) in given(system).items()}

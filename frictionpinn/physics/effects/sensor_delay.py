@@ -15,6 +15,7 @@ class SensorDelay(Effect):
     """
 
     name = "sensor_delay"
+    whole = True
 
     def make_parameters(self, system, law):
         scan = Scan("interval", 0.5, 20, 5)

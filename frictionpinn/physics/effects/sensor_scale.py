@@ -14,6 +14,7 @@ class SensorScale(Effect):
     """
 
     name = "sensor_scale"
+    whole = True
 
     def make_parameters(self, system, law):
         return tuple(

@@ -5,8 +5,11 @@ from .coulomb_viscous import CoulombViscous
 from .dahl import Dahl
 from .lugre import LuGre
 from .lugre_tied import TiedLuGre
+from .none import NoFriction
 from .stribeck import Stribeck
 
 LAWS = {law.name: law for law in (Coulomb, CoulombViscous, Stribeck, Dahl, LuGre, TiedLuGre)}
+CONTACT_LAWS = LAWS | {NoFriction.name: NoFriction}  # what a contact among several may have
 
-__all__ = ["LAWS", "Coulomb", "CoulombViscous", "Dahl", "LuGre", "Stribeck", "TiedLuGre"]
+
+__all__ = ["CONTACT_LAWS", "LAWS", "Coulomb", "CoulombViscous", "Dahl", "LuGre", "NoFriction", "Stribeck", "TiedLuGre"]

@@ -30,9 +30,9 @@ class PendulumOnBox(System):
     )
     lever = ("d", "theta")
     inputs = (Input("tau", "N*m", "torque of the motor at the hinge"),)
-    driven = ("theta",)
+    driven: tuple[str, ...] = ("theta",)
     equations_allowed = ("lagrange", "published")
-    parameters = (
+    parameters: tuple[Parameter, ...] = (
         Parameter("m_b", "kg", "mass of the box", 0.5),
         Parameter("m_L", "kg", "mass of the link", 1.0),
         Parameter("d", "m", "distance from the hinge to the link's centre of mass", 0.25),

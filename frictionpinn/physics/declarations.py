@@ -1,0 +1,126 @@
+"""What a system is declared by, coordinates, contacts and inputs, and whether what a user says of one is possible."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import sympy as sp
+
+from ..errors import UserError, nearest
+
+if TYPE_CHECKING:
+    from .system import System
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A generalised coordinate and the signals that measure it.
+
+    Attributes:
+        signals: names of position, velocity and acceleration in a recording, ("x", "v", "a").
+        units: their SI units.
+        constrained: held at zero by the contact; its equation of motion gives the normal force.
+    """
+
+    name: str
+    signals: tuple[str, str, str] = ("", "", "")
+    units: tuple[str, str, str] = ("m", "m/s", "m/s^2")
+    constrained: bool = False
+
+    @cached_property
+    def symbols(self) -> tuple[sp.Symbol, sp.Symbol, sp.Symbol]:
+        """Symbols of position, velocity and acceleration."""
+        q, qd, qdd = sp.symbols(f"{self.name} {self.name}_dot {self.name}_ddot", real=True)
+        return q, qd, qdd
+
+
+@dataclass(frozen=True)
+class Input:
+    """A measured or prescribed generalised force: signal name, SI unit, and what it is."""
+
+    name: str
+    unit: str
+    text: str
+
+    @property
+    def symbol(self) -> sp.Symbol:
+        """The symbol that stands for it."""
+        return sp.Symbol(f"{self.name}_in", real=True)
+
+
+@dataclass(frozen=True)
+class FrictionalContact:
+    """A place where friction acts.
+
+    Attributes:
+        name: empty where the system has no other.
+        force_unit, slip_unit: SI units of the friction force and of slip ("N*m" and "rad" for a joint).
+        text: what it is.
+    """
+
+    name: str
+    force_unit: str = "N"
+    slip_unit: str = "m"
+    text: str = ""
+
+
+def check_imposed(system: System) -> None:
+    """Raise :class:`UserError` where the input is not a force along the slip of the only coordinate and contact."""
+    several = len(system.moving) > 1 or len(system.contacts) > 1
+    for c in system.moving:
+        u = system.inputs[0].symbol if len(system.inputs) == 1 else sp.Integer(0)
+        if several or sp.diff(system.residual(c), u) != -1 or system.jacobian[c.name] != 1:
+            raise UserError(
+                f"the motion of system {system.name} cannot be imposed",
+                where="system.imposed",
+                received=True,
+                allowed="false; true for one coordinate that one measured force moves",
+                fix="leave system.imposed at false",
+            )
+
+
+def check_value(system: System, name: str, value: float) -> None:
+    """Raise :class:`UserError` for a parameter that the system has not, or a value out of its physical range."""
+    table = {par.name: par for par in system.parameters}
+    where = f"system.parameters.{name}"
+    if name not in table:
+        raise UserError(
+            f"unknown parameter of system {system.name}",
+            where=where,
+            received=value,
+            allowed=", ".join(table),
+            fix=nearest(name, table) or "use one of the allowed names",
+        )
+    par = table[name]
+    try:
+        massless = float(value) == 0 and "kg" in par.unit
+        inside = par.low <= float(value) <= par.high and not massless and np.isfinite(float(value))
+        inside = inside and not isinstance(value, bool)
+    except (TypeError, ValueError):
+        inside = False
+    if not inside:
+        raise UserError(
+            f"{par.text} out of its physical range",
+            where=where,
+            received=f"{value} {par.unit}",
+            allowed=f"{par.low:g} to {par.high:g} {par.unit}" + (" (not 0)" if "kg" in par.unit else ""),
+            fix="give the measured value in SI units",
+        )
+
+
+def checked_driven(system: System, names: tuple[str, ...]) -> tuple[str, ...]:
+    """The coordinates whose motion is prescribed; :class:`UserError` for one that the system has not."""
+    valid = [c.name for c in system.moving]
+    for name in (names,) if isinstance(names, str) else names:
+        if isinstance(names, str) or name not in valid:
+            raise UserError(
+                "not a list of coordinates",
+                where="system.driven",
+                received=repr(names),
+                allowed=", ".join(valid),
+                fix=nearest(name, valid) or "give a list of these names",
+            )
+    return tuple(names)
