@@ -69,10 +69,16 @@ def text(result: dict, chosen: dict) -> str:
             for motion, arms in motions.items():
                 cells = [scale * np.quantile(arms[arm][key], [0.5, 0.25, 0.75]) for arm in ARMS]
                 lines.append(
-                    f"    {motion:<32}" + "".join(f"{f'{c[0]:.4g} ({c[1]:.3g}, {c[2]:.3g})':>23}" for c in cells)
+                    f"    {motion:<32}"
+                    + "".join(f" {f'{plain(c[0], 4)} ({plain(c[1], 3)}, {plain(c[2], 3)})':>22}" for c in cells)
                 )
         lines.append("")
     return "\n".join(lines)
+
+
+def plain(value: float, digits: int) -> str:
+    """A number of so many digits, without an exponent."""
+    return f"{float(f'{value:.{digits}g}'):g}"
 
 
 def gains(table: dict) -> Figure:
@@ -149,7 +155,8 @@ def grid(name: str, motions: dict, key: str) -> str:
         for arm in ARMS:
             mid, low, high = factor * np.quantile(arms[arm][key], [0.5, 0.25, 0.75])
             body += (
-                f"<td{' class=ours' if arm == 'estimator' else ''}>{mid:.3g} <small>({low:.2g}–{high:.2g})</small></td>"
+                f"<td{' class=ours' if arm == 'estimator' else ''}>{plain(mid, 3)} "
+                f"<small>({plain(low, 2)}–{plain(high, 2)})</small></td>"
             )
         body += "</tr>\n"
     return f'<div class="wide"><table><tr><th scope="col">{FIGURES[key]} ({told})</th>{head}</tr>\n{body}</table></div>'

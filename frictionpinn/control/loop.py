@@ -50,6 +50,7 @@ class Body(NamedTuple):
     error: np.ndarray
     order: int
     atol: np.ndarray
+    places: np.ndarray
 
 
 @njit(**OPTIONS)
@@ -73,7 +74,7 @@ def move(body, plan, foreign, s, w, torque, t):
         coefficients[0, plan.clocks[i, 0], 1] = float(plan.clocks[i, 1])
     found = integrate(
         body.newton, body.a, body.c, body.error, body.order, np.array([0.0, plan.h]), coefficients, plan.p, 1,
-        body.atol, RTOL, TOLERANCE, s, np.empty(0, np.int64), np.empty((0, 2)),
+        body.atol, body.places, RTOL, TOLERANCE, s, np.empty(0, np.int64), np.empty((0, 2)),
     )  # fmt: skip
     if found[0] != OK:
         return False
@@ -252,7 +253,7 @@ def close(
     atol = np.full(n_s, ATOL * part)
     atol[1] = ATOL
     order = min(METHOD.order, METHOD.order_embedded) + 1
-    body = Body(pointer(kernels.plain.newton), METHOD.a, METHOD.c, METHOD.error, order, atol)
+    body = Body(pointer(kernels.plain.newton), METHOD.a, METHOD.c, METHOD.error, order, atol, kernels.places)
     compiled = isinstance(compensator, Compensator)
     helper = compensator if isinstance(compensator, Compensator) else Compensator(plant.mechanism, plant.parameters)
     if compensator is not None:
