@@ -123,7 +123,7 @@ LAWS_AND_EFFECTS = [
 @pytest.mark.parametrize(("laws", "effects"), LAWS_AND_EFFECTS, ids=str)
 def test_contacts_that_nothing_couples_are_mechanisms_of_one_contact(laws, effects):
     whole, joints = apart(effects, laws)
-    values = {"sigma_0": 500.0, "sigma_1": 1.0, "sigma_2": 0.01, "mu_c": 0.1, "mu_s": 0.16, "v_s": 0.05}
+    values = {"sigma_0": 500.0, "sigma_1": 1.0, "sigma_2": 0.01, "mu_c": 0.1, "mu_s": 0.16, "v_s": 0.05, "v_t": 1e-3}
     names = [par.name for par in whole.mechanism.parameters if "." in par.name]
     plain = {name: name.partition(".")[2] for name in names}
     p = {name: values[own] for name, own in plain.items() if own in values}

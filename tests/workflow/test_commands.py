@@ -66,7 +66,7 @@ def test_hydra_shows_a_configuration_and_where_it_looks(tmp_path):
     [
         ("frictionpinn ", set(COMMANDS)),
         ("frictionpinn train model=", {"model=bb1", "model=bb2", "model=pe1", "model=pe2"}),
-        ("frictionpinn evaluate system=p", {"system=pob", "system=pendulum"}),
+        ("frictionpinn evaluate system=p", {"system=pob", "system=pob_hinge", "system=pendulum"}),
         ("frictionpinn trian mod", set()),
     ],
 )

@@ -33,6 +33,11 @@ def stopped(quick, tmp_path, monkeypatch) -> Path:
     return tmp_path / "first"
 
 
+def hearing() -> None:
+    """Take Ctrl-C, which a suite that runs in the background leaves its programs deaf to."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def test_a_stopped_training_goes_on_to_the_same_end_and_counts_all_its_seconds(quick, stopped, tmp_path):
     last = stopped / "checkpoints" / "last.ckpt"
     resumed = quick(stopped, "model=pe1", f"ckpt_path={last}", epochs=30)
@@ -57,7 +62,7 @@ def test_after_a_training_the_next_ctrl_c_is_an_ordinary_one(quick, tmp_path):
 def test_ctrl_c_in_the_middle_of_a_search_ends_with_one_line_and_leaves_no_folder(tmp_path, script, line, options):
     process = subprocess.Popen(
         [sys.executable, str(ROOT / script), "data.rate_hz=100", *options],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=hearing,
     )  # fmt: skip
     assert process.stdout is not None
     assert any(line in said for said in iter(process.stdout.readline, ""))
@@ -71,7 +76,7 @@ def test_a_sweep_that_is_stopped_says_how_to_go_on(tmp_path):
     options = ["-m", "seed=0,1", "model=bb1", "data.rate_hz=100", "trainer.max_epochs=100000", "trainer.threads=1"]
     process = subprocess.Popen(
         [sys.executable, str(ROOT / "train.py"), *options],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=hearing,
     )  # fmt: skip
     assert process.stdout is not None
     assert "2 jobs" in process.stdout.readline()
