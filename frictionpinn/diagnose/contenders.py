@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from ..identify.likelihood import beginnings
 from ..identify.problem import Problem
 from ..identify.solve import FAINT, Evaluate, State, assembled, coarse_to_fine, reduced
 from ..identify.trial import Piece, TrialModel
@@ -266,7 +267,7 @@ def check(bench: Bench, fit: Fit) -> Fit | None:
     if found is None:
         return None
     problem, models, first, evaluate = found
-    state = _own_unknowns(evaluate, first, problem.resolutions)
+    state = _own_unknowns(problem, evaluate, first)
     return None if state is None else replace(fit, models=models, state=state, minima=())
 
 
@@ -293,7 +294,7 @@ def surprise(bench: Bench, fit: Fit) -> Surprise | None:
         return None
     problem, _, first, plain = found
     at, limits, widths = first.u, problem.space.limits, problem.resolutions
-    held = _own_unknowns(plain, first, widths)
+    held = _own_unknowns(problem, plain, first)
     if held is None or not bench.mechanism.memory or not fit.state.curved:
         return None if held is None else Surprise(held.cost, held.cost)
     S = reduced(fit.state)[0] + FAINT * np.eye(len(at))
@@ -320,15 +321,17 @@ def surprise(bench: Bench, fit: Fit) -> Surprise | None:
     return Surprise(held.cost, best.cost + 0.5 * float(change))
 
 
-def _own_unknowns(evaluate: Evaluate, first: State, widths: Sequence[float]) -> State | None:
+def _own_unknowns(problem: Problem, evaluate: Evaluate, first: State) -> State | None:
     """Trials at given parameters, their own unknowns estimated: from the coarsest resolution, from the one next to the
-    sample and from the sample alone, of each trial the best; None where they cannot be simulated."""
-    at = first.u, first.u
-    made = [
-        coarse_to_fine(evaluate, first, at, widths[-count:]) for count in sorted({1, min(2, len(widths)), len(widths)})
-    ]
-    ends = sorted((end for end in made if end is not None), key=lambda end: end.state.cost)
-    return assembled(evaluate, ends[0], [end.state for end in ends[1:]], at).state if ends else None
+    sample and from the sample alone, and begun at rest; of each trial the best. None where they cannot be simulated."""
+    at, widths = (first.u, first.u), problem.resolutions
+    tries = [(first, widths[-count:]) for count in sorted({1, min(2, len(widths)), len(widths)})]
+    ends = [end for state, own in tries if (end := coarse_to_fine(evaluate, state, at, own))]
+    if not ends:
+        return None
+    best = min(ends, key=lambda end: end.state.cost)
+    begun = [coarse_to_fine(evaluate, state, at, widths[-1:]) for state in beginnings(problem, best.state)]
+    return assembled(evaluate, best, [end.state for end in (*ends, *begun) if end is not None], at).state
 
 
 def _held_out(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], State, Evaluate] | None:

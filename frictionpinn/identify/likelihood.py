@@ -53,6 +53,8 @@ ELSEWHERE = 0.1  # in log u: starts that are closer are the same
 KICKS = tuple(np.geomspace(1.0, 12.0, 8))  # standard errors to where searches for other minima begin
 # Times the stiffness of the fit: a ring that lasts k periods fits one off as well, at (1 -+ 1/k)^2; k is 3 to 6.
 STIFFNESSES = (0.5, 0.7, 1.4, 2.0)
+UNTOLD_REST = 3.0  # standard deviations of the noise: from where samples tell that a body moves
+BARELY = 3e-5  # m/s or rad/s: three times the usual v_t, slip that mobilises all the friction of a law without memory
 LOUD = 20.0  # times the noise by differences: residuals over windows that are larger set the level
 NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
 
@@ -124,8 +126,9 @@ def minima_around(
     """Minima around one that was found, lowest first: the first one is put together from each trial's best.
 
     Searches begin a few and many standard errors away, in directions drawn at random from what the data leave open:
-    when a body stops and breaks away differs there. And a contact rings, which resolutions next to the sample do not
-    blur: with a bristle, other stiffnesses are followed from the next one.
+    when a body stops and breaks away differs there. A contact rings, which resolutions next to the sample do not blur:
+    with a bristle, other stiffnesses are followed from the next one. And what begins at rest may slide either way at
+    once (:func:`beginnings`).
 
     Args:
         problem, evaluate: what is solved, and its cost.
@@ -139,16 +142,34 @@ def minima_around(
     steps = [(kick * errors @ z, widths[-1:]) for kick, z in zip(KICKS, directions, strict=True)]
     for at in np.eye(len(values))[[name.rpartition(".")[2] == "sigma_0" for name in problem.names]]:
         steps += [(np.log(factor) * at, widths[-2:]) for factor in STIFFNESSES]
+    begun = [(replace(found.state, u=np.clip(found.state.u + step, low, high)), own) for step, own in steps]
+    begun += [(state, widths[-1:]) for state in beginnings(problem, found.state)]
 
-    def followed(k: int) -> Solution | None:
-        step, own = steps[k]
-        first = replace(found.state, u=np.clip(found.state.u + step, low, high))
-        return coarse_to_fine(evaluate, first, (low, high), own)
-
-    made = in_parallel(followed, [1.0] * len(steps))
+    made = in_parallel(lambda k: coarse_to_fine(evaluate, begun[k][0], (low, high), begun[k][1]), [1.0] * len(begun))
     ends = sorted([found, *(end for end in made if end is not None)], key=lambda end: end.state.cost)
     best = assembled(evaluate, ends[0], [*others, *(end.state for end in ends[1:])], (low, high))
     return [best, *(end for end in ends if not same_minimum(best.state, end.state))]
+
+
+def beginnings(problem: Problem, state: State) -> list[State]:
+    """The state with every trial that may begin at rest doing so, and barely sliding one way and the other.
+
+    The first samples of the acceleration show on which side of zero the velocity begins, and no search crosses that:
+    dry friction turns round there. None where every trial's samples tell that it moves.
+    """
+    velocities = {c.signals[1] for c in problem.mechanism.free}
+    level = {name: UNTOLD_REST * problem.sigmas.get(name, np.inf) for name in velocities}
+    at = [[k for k, name in enumerate(model.states) if name in velocities and abs(x[k]) < level[name]]
+          for model, x in zip(problem.trials, state.locals, strict=True)]  # fmt: skip
+    if not any(at):
+        return []
+    made = []
+    for velocity in (0.0, BARELY, -BARELY):
+        locals_ = tuple(x.copy() for x in state.locals)
+        for x, own in zip(locals_, at, strict=True):
+            x[own] = velocity
+        made.append(replace(state, locals=locals_))
+    return made
 
 
 def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, float]) -> list[Found]:
