@@ -12,6 +12,7 @@ from frictionpinn.data.simulated import simulate_recording, simulate_trials
 from frictionpinn.identify import Problem, bound, maximum_likelihood
 from frictionpinn.identify.bound import bound_of
 from frictionpinn.identify.build import beside_jumps
+from frictionpinn.identify.likelihood import beginnings
 from frictionpinn.identify.profile import profiled
 from frictionpinn.identify.solve import NEAR, Solution, State, assembled, coarse_to_fine, levenberg_marquardt
 from frictionpinn.identify.trial import Piece
@@ -251,3 +252,23 @@ def test_a_profile_that_never_rises_reaches_from_nothing_to_infinity(drive):
     low, high = profiled(problem, evaluate, start, "sigma_0", 1.92, iterations=2).ci95
     assert (low, high) == (0.0, np.inf)
     assert profiled(problem, evaluate, start, "mu_s", 1.92, iterations=2).ci95[0] == pytest.approx(TRUTH["mu_c"])
+
+
+def test_a_body_that_begins_at_rest_is_not_left_sliding_the_wrong_way():
+    law, truth = LAWS["stribeck"](), {n: TRUTH[n] for n in ("mu_c", "mu_s", "v_s", "sigma_2")}
+    clean = simulate_recording(SYSTEM, "stribeck", truth, TRIALS, 500.0)  # each begins at rest
+    problem = Problem(Mechanism(SYSTEM, law), GaussianNoise(0.05)(clean, 1), sigmas=GaussianNoise(0.05).levels(clean))
+    u, models = problem.space.to_search(np.array([truth[n] for n in problem.names])), problem.trials
+    evaluate, limits = problem.evaluator(models), problem.space.limits
+
+    def ended(velocity: float) -> Solution:
+        locals_ = [model.local.copy() for model in models]
+        for model, x in zip(models, locals_, strict=True):
+            x[model.states.index("v")] = velocity
+        return levenberg_marquardt(evaluate, evaluate(u, locals_, True), limits)
+
+    right, wrong = ended(0.0), ended(0.01)
+    assert wrong.state.cost > right.state.cost + 10
+    begun = [coarse_to_fine(evaluate, state, limits, [0.0]) for state in beginnings(problem, wrong.state)]
+    found = assembled(evaluate, wrong, [end.state for end in begun], limits)
+    assert found.state.cost < right.state.cost + 2.0
