@@ -126,10 +126,28 @@ def _lowest(found: Iterable[Contender]) -> list[Contender]:
 
 def _moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:
     """A contender refitted from the best's place, with its own strengths for the best's."""
-    mine = {name: own.fit.values[name] for name in own.fit.names if name not in best.fit.names}
-    neutral = dict.fromkeys(best.tested.candidate.strengths, 0.0)
-    values = best.fit.values | neutral | mine
-    return bench.refit(best.fit, own.fit.names, values, limits=reach(own.tested))
+    hidden = {name: own.fit.values[name] for name in own.tested.candidate.hidden}
+    values = exchanged(best, own.tested, _share(own)) | hidden
+    return bench.refit(best.fit, own.fit.names, bench.clip(values), limits=reach(own.tested))
+
+
+def _share(c: Contender) -> float:
+    """How many times the step of its score test a contender's strengths went."""
+    step = np.array(list(c.tested.step.values()))
+    return float(np.array([c.fit.values[name] for name in c.tested.step]) @ step / max(step @ step, 1e-300))
+
+
+def exchanged(head: Contender, own: Tested, share: float) -> dict[str, float]:
+    """Values of a contender's fit with a candidate's strengths, so many times its step, in the place of its own.
+
+    What the contender's strengths took of the estimated parameters is given back, and what the candidate's take is
+    taken: to first order the motion stays, where the score tests do not tell the two apart.
+    """
+    given = _share(head)
+    values = head.fit.values | dict.fromkeys(head.tested.step, 0.0) | own.shape
+    for name, move in head.tested.moves.items():
+        values[name] += share * own.moves.get(name, 0.0) - given * move
+    return values | {name: share * value for name, value in own.step.items()}
 
 
 def add(bench: Bench, fit: Fit, tested: Tested, widths: Sequence[float]) -> Fit | None:
@@ -228,11 +246,7 @@ def _twins(bench: Bench, before: Fit, head: Contender, twins: Sequence[Tested], 
     def refit(k: int) -> Fit | None:
         own = twins[k]
         names = (*before.names, *own.candidate.strengths, *own.candidate.hidden)
-        values = head.fit.values | dict.fromkeys(head.tested.candidate.strengths, 0.0) | own.shape | own.step
-        if len(own.step) == len(head.tested.step) == 1:
-            ((name, step),), ((other, unit),) = own.step.items(), head.tested.step.items()
-            values[name] = head.fit.values[other] * step / unit if unit else step
-        made = []
+        values, made = exchanged(head, own, _share(head)), []
         for widths in ([0.0], bench.from_coarse):
             made.append(bench.refit(head.fit, names, bench.clip(values), limits=reach(own), widths=widths))
             if made[0] is not None and made[0].cost < head.fit.cost + settings.tied:

@@ -39,6 +39,7 @@ class Tested:
         statistic: chi-squared where the candidate is absent.
         freedom: its degrees of freedom.
         step: strength -> value that one Gauss-Newton step gives, SI units.
+        moves: estimated parameter -> how far it goes along with that step.
         shape: hidden parameter -> value, of those tried the one that explains most.
         trace: the part of its derivatives that nothing else explains, shape (rows of all trials,), at unit length.
         untested: it could not be tested, since its derivatives overflow: simulated forward, an unstable motion makes of
@@ -50,6 +51,7 @@ class Tested:
     statistic: float
     freedom: int
     step: dict[str, float]
+    moves: dict[str, float]
     shape: dict[str, float]
     trace: np.ndarray
     untested: bool = False
@@ -133,12 +135,11 @@ def scan(
     place = _Place(bench, fit, names, rows, known, noise, sizes, runs)
 
     tested = in_parallel(lambda k: place.test(options[k]), [len(c.grid) for c in options])
-    left, lengths = place.left(place.at_hand(bumps), bumps)
+    left, _, lengths = place.left(place.at_hand(bumps), bumps)
     remaining = []
-    for k, (variable, kind) in enumerate(variables):
-        at = np.arange(k * BUMPS, (k + 1) * BUMPS)
-        normal = Normal.of(_bumps(kind, variable), [c.part(at) for c in left])
-        score, errors = normal.test(lengths[at]), np.linalg.pinv(normal.A, rcond=SINGULAR, hermitian=True)
+    normals = Normal.each([_bumps(kind, variable) for variable, kind in variables], left) if variables else []
+    for (variable, kind), normal, length in zip(variables, normals, lengths.reshape(-1, BUMPS), strict=True):
+        score, errors = normal.test(length), np.linalg.pinv(normal.A, rcond=SINGULAR, hermitian=True)
         remaining.append(Remaining(variable, kind, log_p(score.statistic, score.freedom), score.step, errors))
     return Scanned(
         tuple(sorted(tested, key=lambda t: t.log_p)),
@@ -206,9 +207,12 @@ class _Place:
     def test(self, c: Candidate) -> Tested:
         """A candidate at the point of its grid where it explains most."""
         changes = self.at_hand(c.strengths) if len(c.grid) == 1 else self.on_grid(c)
-        left, lengths = self.left(changes, c.strengths * len(c.grid))
+        left, along, lengths = self.left(changes, c.strengths * len(c.grid))
         at = np.arange(len(lengths)).reshape(len(c.grid), -1)
-        scores = [Normal.of(c.strengths, [x.part(own) for x in left]).test(lengths[own]) for own in at]
+        scores = [
+            normal.test(lengths[own])
+            for normal, own in zip(Normal.each([c.strengths] * len(at), left), at, strict=True)
+        ]
         j = max(range(len(at)), key=lambda j: scores[j].statistic)
         best, shape = scores[j], dict(c.grid[j])
         if best.freedom == 0 and any(score.overflow for score in scores):
@@ -216,12 +220,13 @@ class _Place:
                 {name: GUESS * self.sizes[name] for name in c.strengths},
                 np.zeros(sum(len(x.r) for x in left)),
             )
-            return Tested(c, 0.0, 0.0, 0, guess, shape, trace, untested=True)
+            return Tested(c, 0.0, 0.0, 0, guess, {}, shape, trace, untested=True)
         trace = np.concatenate([x.matrix[:, at[j]] @ best.step for x in left])
         trace /= max(float(np.linalg.norm(trace)), TINY)
         step = dict(zip(c.strengths, best.step.tolist(), strict=True))
+        moves = dict(zip(self.fit.names, (-along[:, at[j]] @ best.step).tolist(), strict=True))
         chance = log_p(best.statistic, best.freedom, len(c.grid))
-        return Tested(c, chance, best.statistic, best.freedom, step, shape, trace)
+        return Tested(c, chance, best.statistic, best.freedom, step, moves, shape, trace)
 
     def at_hand(self, names: Sequence[str]) -> list[np.ndarray]:
         """Rows of every trial in some of the parameters, at the middle of the grids."""
@@ -260,8 +265,9 @@ class _Place:
 
         return in_parallel(work, [row.r.size for row in self.rows])
 
-    def left(self, changes: Sequence[np.ndarray], names: Sequence[str]) -> tuple[list[Columns], np.ndarray]:
-        """Columns beside what is estimated, and their squared lengths before: infinite of those that overflow.
+    def left(self, changes: Sequence[np.ndarray], names: Sequence[str]) -> tuple[list[Columns], np.ndarray, np.ndarray]:
+        """Columns beside what is estimated, what they take of that (see :func:`frictionpinn.diagnose.score.beside`),
+        and their squared lengths before: infinite of those that overflow.
 
         Args:
             changes: rows of every trial, shape (signals, n, columns).
@@ -275,4 +281,4 @@ class _Place:
 
         columns = in_parallel(work, [row.r.size for row in self.rows])
         lengths = np.asarray(sum((c.matrix**2).sum(axis=0) for c in columns))
-        return beside(self.known, columns), np.where(wild, np.inf, lengths)
+        return *beside(self.known, columns), np.where(wild, np.inf, lengths)

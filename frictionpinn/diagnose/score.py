@@ -138,11 +138,6 @@ class Columns:
             spread = noise.spread(row.signals, matrix.reshape(change.shape)).reshape(matrix.shape)
         return cls(own, project(own, r.reshape(-1)), matrix, spread)
 
-    def part(self, at: np.ndarray) -> Columns:
-        """Some of the parameters."""
-        matrix = self.matrix[:, at]
-        return replace(self, matrix=matrix, spread=matrix if self.spread is self.matrix else self.spread[:, at])
-
 
 def basis(matrix: np.ndarray) -> np.ndarray:
     """Orthonormal basis of the columns of a matrix, those that overflow or depend on others left out."""
@@ -193,10 +188,17 @@ class Normal:
     @classmethod
     def of(cls, names: Sequence[str], columns: Sequence[Columns]) -> Normal:
         """Sum over the trials."""
-        A = sum(c.matrix.T @ c.matrix for c in columns)
-        b = sum(c.matrix.T @ c.r for c in columns)
-        V = sum(c.spread.T @ c.spread for c in columns)
-        return cls(tuple(names), np.asarray(A), np.asarray(b), float(sum(c.r @ c.r for c in columns)), np.asarray(V))
+        return cls.each([names], columns)[0]
+
+    @classmethod
+    def each(cls, groups: Sequence[Sequence[str]], columns: Sequence[Columns]) -> list[Normal]:
+        """Of groups of as many columns each that lie side by side."""
+        b = np.asarray(sum(c.matrix.T @ c.r for c in columns)).reshape(len(groups), -1)
+        A = np.asarray(sum(_squares(c.matrix, len(groups)) for c in columns))
+        white = all(c.spread is c.matrix for c in columns)
+        V = A if white else np.asarray(sum(_squares(c.spread, len(groups)) for c in columns))
+        rr = float(sum(c.r @ c.r for c in columns))
+        return [cls(tuple(names), A[k], b[k], rr, V[k]) for k, names in enumerate(groups)]
 
     @property
     def covariance(self) -> np.ndarray:
@@ -221,10 +223,22 @@ class Normal:
         return Score(step, float(np.sum((spread.T @ b) ** 2)), H.shape[1], bool(np.isinf(lengths).any()))
 
 
-def beside(known: Sequence[Columns], others: Sequence[Columns]) -> list[Columns]:
+def _squares(matrix: np.ndarray, groups: int) -> np.ndarray:
+    """Products of the columns of each group, shape (groups, k, k), of a matrix of shape (rows, groups * k)."""
+    if groups == 1:
+        return (matrix.T @ matrix)[None]
+    parts = matrix.reshape(len(matrix), groups, -1)
+    products = [
+        [np.einsum("ng,ng->g", one, other) for one in np.moveaxis(parts, 2, 0)] for other in np.moveaxis(parts, 2, 0)
+    ]
+    return np.moveaxis(np.array(products), 2, 0)
+
+
+def beside(known: Sequence[Columns], others: Sequence[Columns]) -> tuple[list[Columns], np.ndarray]:
     """S_B of every trial: what is left of the others' columns when those of what is known have explained what they can.
 
-    ``r`` is left as it is: S_B is orthogonal to what they explain of it.
+    Also (B'B)^-1 B'S, shape (known, others): what is known moves by minus that for a unit of the others. ``r`` is left
+    as it is: S_B is orthogonal to what they explain of it.
     """
     A = np.asarray(sum(B.matrix.T @ B.matrix for B in known))
     along = solve(A, np.asarray(sum(B.matrix.T @ S.matrix for B, S in zip(known, others, strict=True))))
@@ -233,7 +247,7 @@ def beside(known: Sequence[Columns], others: Sequence[Columns]) -> list[Columns]
         left = S.matrix - B.matrix @ along
         white = S.spread is S.matrix
         result.append(replace(S, matrix=left, spread=left if white else S.spread - B.spread @ along))
-    return result
+    return result, along
 
 
 def inverse_root(A: np.ndarray) -> np.ndarray:

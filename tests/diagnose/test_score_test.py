@@ -33,10 +33,23 @@ def rows(seed: int, n: int = 60, parameters: int = 4, local: int = 2, signals: i
 
 def scored(trials: Sequence[Rows], known: Sequence[int], tested: Sequence[int]):
     """Score test of some columns beside others."""
-    columns = [Columns.of(trial, WHITE) for trial in trials]
-    own = [c.part(np.array(tested)) for c in columns]
-    lengths = sum((c.matrix**2).sum(axis=0) for c in own)
-    return Normal.of(tested, beside([c.part(np.array(known)) for c in columns], own)).test(lengths)
+
+    def columns(at: Sequence[int]) -> list[Columns]:
+        return [Columns.of(replace(trial, change=trial.change[:, :, list(at)]), WHITE) for trial in trials]
+
+    lengths = sum((c.matrix**2).sum(axis=0) for c in columns(tested))
+    return Normal.of(tested, beside(columns(known), columns(tested))[0]).test(lengths)
+
+
+def test_groups_of_columns_are_summed_as_each_alone():
+    trials = [rows(3, parameters=6), rows(4, parameters=6)]
+    whole = [Columns.of(trial, WHITE) for trial in trials]
+    groups = Normal.each(["ab", "cd", "ef"], whole)
+    for k, group in enumerate(groups):
+        alone = Normal.of(group.names, [Columns.of(replace(t, change=t.change[:, :, 2 * k : 2 * k + 2]), WHITE)
+                                        for t in trials])  # fmt: skip
+        np.testing.assert_allclose(group.A, alone.A)
+        np.testing.assert_allclose(group.b, alone.b)
 
 
 @settings(deadline=None, max_examples=30)
