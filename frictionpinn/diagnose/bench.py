@@ -14,7 +14,7 @@ from ..data.recording import Recording
 from ..errors import UserError
 from ..identify.likelihood import minima_around
 from ..identify.problem import Problem
-from ..identify.solve import ROUGHLY, coarse_to_fine, levenberg_marquardt, reduced
+from ..identify.solve import ROUGHLY, assembled, coarse_to_fine, levenberg_marquardt, reduced
 from ..identify.start import ROUGH, windows_of
 from ..identify.trial import TrialModel
 from ..numerics.parallel import in_parallel
@@ -176,6 +176,7 @@ class Bench:
         limits: Mapping[str, tuple[float, float]] | None = None,
         widths: Sequence[float] = (0.0,),
         around: bool = False,
+        offered: Sequence[Sequence[np.ndarray]] = (),
     ) -> Fit | None:
         """Estimate ``names`` anew from these values and the fit's unknowns of the trials; None where that fails.
 
@@ -187,6 +188,7 @@ class Bench:
             limits: of parameters beside their usual ones.
             widths: resolutions in time that are followed, s, the coarsest first.
             around: look for other minima around it.
+            offered: unknowns of the trials that other fits have, see :func:`frictionpinn.identify.solve.assembled`.
         """
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
         if "mu_c" in {*names} & {*self.problem.names}:
@@ -201,7 +203,7 @@ class Bench:
             found = coarse_to_fine(evaluate, first, problem.space.limits, widths)
             if found is None:
                 return None
-            minima = [found]
+            minima = [assembled(evaluate, found, offered, problem.space.limits)]
             if around:
                 minima = minima_around(problem, evaluate, found)
         except np.linalg.LinAlgError:  # derivatives that overflow

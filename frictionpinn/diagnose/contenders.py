@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from ..identify.likelihood import beginnings
 from ..identify.problem import Problem
-from ..identify.solve import FAINT, Evaluate, State, assembled, coarse_to_fine, reduced
+from ..identify.solve import FAINT, Evaluate, State, assembled, carried, coarse_to_fine, reduced
 from ..identify.trial import Piece, TrialModel
 from ..numerics.parallel import in_parallel
 from ..numerics.simulate import ContactLost, SimulationFailed
@@ -85,7 +85,8 @@ def refitted(
     Each goes from the resolution at which it was tested to the sample. Where one gains much less than its score test
     promised, nothing is as near to linear as that test has it: it is refitted from the coarse resolution as well,
     and so are those that the test did not tell from it. Where the best leave more than noise they are begun anew over
-    short windows; and the others from where the best of these ended.
+    short windows; and the others from where the best of these ended. At last each trial's own unknowns of the best are
+    offered to all, see :func:`on_equal_terms`.
     """
 
     def refits(asked: Sequence[tuple[Tested, float]]) -> list[Fit | None]:
@@ -109,11 +110,26 @@ def refitted(
     anew = in_parallel(lambda k: bench.anew(rugged[k].fit, reach(rugged[k].tested)), [1.0] * len(rugged))
     lower = [Contender(c.tested, f) for c, f in zip(rugged, anew, strict=True) if f and f.state.cost < c.fit.state.cost]
     if not lower:
-        return found
+        return on_equal_terms(bench, found, settings)
     best = min(lower, key=lambda c: c.fit.cost)
     others = [c for c in found if c.tested is not best.tested]
     moved = in_parallel(lambda k: _moved(bench, others[k], best), [1.0] * len(others))
-    return _lowest([*found, *lower, *(replace(c, fit=f) for c, f in zip(others, moved, strict=True) if f)])
+    found = _lowest([*found, *lower, *(replace(c, fit=f) for c, f in zip(others, moved, strict=True) if f)])
+    return on_equal_terms(bench, found, settings)
+
+
+def on_equal_terms(bench: Bench, found: Sequence[Contender], settings: Settings) -> list[Contender]:
+    """Contenders, the best first, each offered the trials' own unknowns of the best ones: none is judged by a minimum
+    of a single trial that another was spared."""
+    best = [c.fit for c in found[: settings.followed]]
+
+    def refit(k: int) -> Fit | None:
+        c = found[k]
+        others = [fit.locals for fit in best if fit is not c.fit]
+        return bench.refit(c.fit, c.fit.names, c.fit.values, limits=reach(c.tested), offered=others)
+
+    made = in_parallel(refit, [1.0] * len(found))
+    return _lowest([*found, *(replace(c, fit=f) for c, f in zip(found, made, strict=True) if f)])
 
 
 def _lowest(found: Iterable[Contender]) -> list[Contender]:
@@ -201,6 +217,7 @@ def judged(
         twins = {n: t for members in reversed(classes) if members.keys() & names - out for n, t in members.items()}
         twins.pop(near[0].tested.candidate.name, None)
         near = _lowest([*near, *_twins(bench, before, near[0], list(twins.values()), settings)])
+        near = on_equal_terms(bench, near, settings)
         evidence = _surprises(bench, [c.fit for c in near])
         near = [replace(c, surprise=s) for c, s in zip(near, evidence, strict=True)]
         if reference is not None and (failed := [c.tested.candidate for c in near if c.surprise is None]):
@@ -330,7 +347,8 @@ def surprise(bench: Bench, fit: Fit) -> Surprise | None:
     ends = sorted((s for s in made if s is not None and s.state.curved), key=lambda s: s.state.cost)
     if not ends:
         return Surprise(held.cost, held.cost)
-    best = assembled(evaluate, ends[0], [end.state for end in ends[1:]], limits).state
+    offered = carried([end.state for end in ends[1:]], ends[0].state.u, limits)
+    best = assembled(evaluate, ends[0], offered, limits).state
     change = np.linalg.slogdet(reduced(best)[0])[1] - np.linalg.slogdet(S)[1]
     return Surprise(held.cost, best.cost + 0.5 * float(change))
 
@@ -345,7 +363,7 @@ def _own_unknowns(problem: Problem, evaluate: Evaluate, first: State) -> State |
         return None
     best = min(ends, key=lambda end: end.state.cost)
     begun = [coarse_to_fine(evaluate, state, at, widths[-1:]) for state in beginnings(problem, best.state)]
-    return assembled(evaluate, best, [end.state for end in (*ends, *begun) if end is not None], at).state
+    return assembled(evaluate, best, [end.state.locals for end in (*ends, *begun) if end is not None], at).state
 
 
 def _held_out(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], State, Evaluate] | None:

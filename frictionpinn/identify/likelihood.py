@@ -38,6 +38,7 @@ from .solve import (
     Solution,
     State,
     assembled,
+    carried,
     coarse_to_fine,
     levenberg_marquardt,
     reduced,
@@ -147,7 +148,8 @@ def minima_around(
 
     made = in_parallel(lambda k: coarse_to_fine(evaluate, begun[k][0], (low, high), begun[k][1]), [1.0] * len(begun))
     ends = sorted([found, *(end for end in made if end is not None)], key=lambda end: end.state.cost)
-    best = assembled(evaluate, ends[0], [*others, *(end.state for end in ends[1:])], (low, high))
+    offered = carried([*others, *(end.state for end in ends[1:])], ends[0].state.u, (low, high))
+    best = assembled(evaluate, ends[0], offered, (low, high))
     return [best, *(end for end in ends if not same_minimum(best.state, end.state))]
 
 

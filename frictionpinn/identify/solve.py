@@ -5,7 +5,7 @@ By Levenberg and Marquardt's method; where it is rugged from a coarse resolution
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -250,29 +250,36 @@ def coarse_to_fine(evaluate: Evaluate, first: State, limits: Limits, widths: Seq
     return found
 
 
-def assembled(evaluate: Evaluate, found: Solution, others: Sequence[State], limits: Limits) -> Solution:
+def carried(states: Iterable[State], u: np.ndarray, limits: Limits) -> Iterator[list[np.ndarray]]:
+    """The own unknowns of every trial at minima, as their quadratic models move them to other global ones."""
+    for state in states:
+        try:
+            locals_ = moved(state, u - state.u, limits, longest=np.inf)[1]
+        except np.linalg.LinAlgError:
+            continue
+        yield locals_
+
+
+def assembled(evaluate: Evaluate, found: Solution, offered: Iterable[Sequence[np.ndarray]], limits: Limits) -> Solution:
     """A minimum, or a lower one that begins with each trial's own unknowns from where that trial fits best.
 
     Trials share the global unknowns alone: a rugged likelihood has its minima trial by trial, and where searches that
-    ended elsewhere are each better in another trial, none of them is the lowest. Their own unknowns are carried to
-    the global ones of the minimum as the quadratic model says (:func:`moved`), and each trial takes the best.
+    ended elsewhere are each better in another trial, none of them is the lowest.
 
     Args:
         evaluate: the cost.
         found: the minimum.
-        others: where other searches ended, with derivatives, at whatever noise levels.
+        offered: local unknowns of every trial as other searches have them, at the minimum's global ones.
         limits: bounds of u.
     """
     best, locals_ = list(found.state.pieces), list(found.state.locals)
-    for other in others:
-        try:
-            carried = moved(other, found.state.u - other.u, limits, longest=np.inf)[1]
-        except np.linalg.LinAlgError:
-            continue
-        there = evaluate(found.state.u, carried, False)
+    for own in offered:
+        there = evaluate(found.state.u, own, False)
         for k, piece in enumerate(there.pieces if there else ()):
             if piece.cost < best[k].cost:
-                best[k], locals_[k] = piece, carried[k]
+                best[k], locals_[k] = piece, own[k]
+    if all(one is other for one, other in zip(locals_, found.state.locals, strict=True)):
+        return found
     first = evaluate(found.state.u, locals_, True)
     better = None if first is None else levenberg_marquardt(evaluate, first, limits, **CLOSELY)
     return better if better is not None and better.state.cost < found.state.cost else found

@@ -14,7 +14,7 @@ from frictionpinn.identify.bound import bound_of
 from frictionpinn.identify.build import beside_jumps
 from frictionpinn.identify.likelihood import beginnings
 from frictionpinn.identify.profile import profiled
-from frictionpinn.identify.solve import NEAR, Solution, State, assembled, coarse_to_fine, levenberg_marquardt
+from frictionpinn.identify.solve import NEAR, Solution, State, assembled, carried, coarse_to_fine, levenberg_marquardt
 from frictionpinn.identify.trial import Piece
 from frictionpinn.numerics.resolution import averaged, samples_within
 from frictionpinn.numerics.whiteness import SIGNIFICANCE, whiteness
@@ -198,7 +198,8 @@ def test_searches_that_each_end_right_in_another_trial_make_one_that_is_right_in
     limits = np.array([-9.0]), np.array([9.0])
     wrong = np.array([rng.permutation(len(centres)) == k for k in range(3)])  # each right in all trials but one
     ends = sorted((ended(w) for w in wrong), key=lambda end: end.state.cost)
-    found = assembled(evaluate, ends[0], [end.state for end in ends[1:]], limits)
+    offered = carried([end.state for end in ends[1:]], ends[0].state.u, limits)
+    found = assembled(evaluate, ends[0], offered, limits)
     right = ended(np.zeros(len(centres)))
     if len({int(np.argmax(w)) for w in wrong}) > 1:
         assert found.state.cost == pytest.approx(right.state.cost, abs=0.05)
@@ -270,5 +271,5 @@ def test_a_body_that_begins_at_rest_is_not_left_sliding_the_wrong_way():
     right, wrong = ended(0.0), ended(0.01)
     assert wrong.state.cost > right.state.cost + 10
     begun = [coarse_to_fine(evaluate, state, limits, [0.0]) for state in beginnings(problem, wrong.state)]
-    found = assembled(evaluate, wrong, [end.state for end in begun], limits)
+    found = assembled(evaluate, wrong, [end.state.locals for end in begun], limits)
     assert found.state.cost < right.state.cost + 2.0
