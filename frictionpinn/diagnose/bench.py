@@ -177,6 +177,7 @@ class Bench:
         widths: Sequence[float] = (0.0,),
         around: bool = False,
         offered: Sequence[Sequence[np.ndarray]] = (),
+        imitating: bool = False,
     ) -> Fit | None:
         """Estimate ``names`` anew from these values and the fit's unknowns of the trials; None where that fails.
 
@@ -189,6 +190,7 @@ class Bench:
             widths: resolutions in time that are followed, s, the coarsest first.
             around: look for other minima around it.
             offered: unknowns of the trials that other fits have, see :func:`frictionpinn.identify.solve.assembled`.
+            imitating: that what ``fit`` simulates had been measured, without noise: a start near its minimum.
         """
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
         if "mu_c" in {*names} & {*self.problem.names}:
@@ -197,7 +199,8 @@ class Bench:
         simulator = self.probe if probing else self.part(names, values)
         models = tuple(replace(model, simulator=simulator) for model in fit.models)
         problem = self.problem_of(self.problem, names, values, simulator, limits)
-        evaluate = problem.evaluator(models, sigmas, steps=LONGEST * sum(len(run.steps.interval) for run in self.runs))
+        seen = self._simulated(fit, models) if imitating else models
+        evaluate = problem.evaluator(seen, sigmas, steps=LONGEST * sum(len(run.steps.interval) for run in self.runs))
         try:
             first = replace(fit.state, u=problem.space.to_search(values))
             found = coarse_to_fine(evaluate, first, problem.space.limits, widths)
@@ -211,6 +214,20 @@ class Bench:
         state = minima[0].state
         return Fit(problem.names, problem.values(state.u), models, state, sigmas, widths[-1], fit.span,
                    tuple(minima) if around else ())  # fmt: skip
+
+    def _simulated(self, fit: Fit, models: Sequence[TrialModel]) -> tuple[TrialModel, ...]:
+        """The models with what the fit says of every signal in the place of what was measured."""
+
+        def says(k: int) -> TrialModel:
+            own, model, local = fit.models[k], models[k], fit.locals[k]
+            y = np.where(np.isnan(model.y), np.nan, own.predict(own.simulate(fit.values, local)))
+            inputs = tuple(
+                replace(item, y=np.where(np.isnan(item.y), np.nan, item.basis.design @ values))
+                for item, values in zip(model.inputs, own.coefficients(local), strict=True)
+            )
+            return replace(model, y=y, inputs=inputs)
+
+        return tuple(in_parallel(says, [len(model.t) for model in models]))
 
     def anew(self, fit: Fit, limits: Mapping[str, tuple[float, float]] | None = None) -> Fit | None:
         """The same parameters estimated from short windows on, each begun as it was measured, where a missing effect

@@ -263,12 +263,9 @@ def _twins(bench: Bench, before: Fit, head: Contender, twins: Sequence[Tested], 
     def refit(k: int) -> Fit | None:
         own = twins[k]
         names = (*before.names, *own.candidate.strengths, *own.candidate.hidden)
-        values, made = exchanged(head, own, _share(head)), []
-        for widths in ([0.0], bench.from_coarse):
-            made.append(bench.refit(head.fit, names, bench.clip(values), limits=reach(own), widths=widths))
-            if made[0] is not None and made[0].cost < head.fit.cost + settings.tied:
-                break  # else all must move far for the same motion, past minima that only the sample shows
-        return min((f for f in made if f is not None), key=lambda f: f.cost, default=None)
+        values = bench.clip(exchanged(head, own, _share(head)))
+        there = bench.refit(head.fit, names, values, limits=reach(own), imitating=True)
+        return None if there is None else bench.refit(there, names, there.values, limits=reach(own))
 
     made = in_parallel(refit, [1.0] * len(twins))
     return [
