@@ -65,6 +65,7 @@ class Remaining:
         log_p: as of a candidate.
         coefficients: of the bumps, one Gauss-Newton step, shape (BUMPS,).
         errors: their covariance, shape (BUMPS, BUMPS).
+        names: strengths of its bumps.
     """
 
     variable: str
@@ -72,15 +73,7 @@ class Remaining:
     log_p: float
     coefficients: np.ndarray
     errors: np.ndarray
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Strengths of its bumps."""
-        return _bumps(self.kind, self.variable)
-
-
-def _bumps(kind: str, variable: str) -> tuple[str, ...]:
-    return tuple(f"{kind}_{variable}_{k}" for k in range(BUMPS))
+    names: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -119,8 +112,9 @@ def scan(
     middle = {name: value for c in options for name, value in c.grid[len(c.grid) // 2].items()}
     fit = replace(fit, values=fit.values | middle)
     strengths = dict.fromkeys(name for c in options for name in c.strengths)
-    variables = [(r.variable, kind) for r in remainders for kind in ("force", "friction")]
-    bumps = [name for variable, kind in variables for name in _bumps(kind, variable)]
+    probed = bench.probe.mechanism
+    variables = [(r.variable, *group) for r in remainders for group in r.groups(probed.system, probed.law).items()]
+    bumps = [name for *_, own in variables for name in own]
     names = (*fit.names, *strengths, *bumps)
     rows = linearise(bench, fit, names, places)
     sizes = {par.name: bench.sizes.of(par) for par in bench.probe.mechanism.parameters if par.name in names}
@@ -135,11 +129,11 @@ def scan(
     tested = in_parallel(lambda k: place.test(options[k]), [len(c.grid) for c in options])
     left, lengths = place.left(place.at_hand(bumps), bumps)
     remaining = []
-    for k, (variable, kind) in enumerate(variables):
+    for k, (variable, kind, own) in enumerate(variables):
         at = np.arange(k * BUMPS, (k + 1) * BUMPS)
-        normal = Normal.of(_bumps(kind, variable), [c.part(at) for c in left])
+        normal = Normal.of(own, [c.part(at) for c in left])
         score, errors = normal.test(lengths[at]), np.linalg.pinv(normal.A, rcond=SINGULAR, hermitian=True)
-        remaining.append(Remaining(variable, kind, log_p(score.statistic, score.freedom), score.step, errors))
+        remaining.append(Remaining(variable, kind, log_p(score.statistic, score.freedom), score.step, errors, own))
     return Scanned(
         tuple(sorted(tested, key=lambda t: t.log_p)),
         tuple(sorted(remaining, key=lambda m: m.log_p)),
@@ -249,7 +243,7 @@ class _Place:
         def work(k: int) -> np.ndarray:
             model, row = fit.models[k], self.rows[k]
             if linear:
-                steady = "z" not in model.start
+                steady = [z not in model.start for z in simulator.bristles]
                 tangent = Tangent(simulator, self.runs[k], model.path(fit.locals[k]), fit.values, steady=steady)
                 changes = tangent.respond(c.strengths, c.grid, model.contact)
                 J = np.stack([changes[key] for key in model.outputs.values()])

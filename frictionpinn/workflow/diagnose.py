@@ -67,7 +67,6 @@ def examine(cfg: Config, mechanism: Mechanism, recording: Recording) -> Diagnosi
         UserError: anything that the user can mend.
     """
     options = checked(cfg)
-    _ = mechanism.only  # a diagnosis is of one contact
     recording = chosen_signals(recording, options["signals"])
     fitted, held_out = split(recording, cfg["data"])
     log.info(f"diagnosing {mechanism.name} on {recording.source}: fitted to {', '.join(fitted.names)}; held out: "
@@ -201,7 +200,8 @@ def separate(name: str, others: list[str]) -> str:
     """The experiments that show an effect and those that it is not told apart from."""
     if not others:
         return ""
-    told = {n: EFFECTS[n].said().get("experiment", "") for n in dict.fromkeys((name, *others)) if n in EFFECTS}
+    kinds = dict.fromkeys(n.partition("@")[0] for n in (name, *others))
+    told = {n: EFFECTS[n].said().get("experiment", "") for n in kinds if n in EFFECTS}
     return "; ".join(f"{n}: {text.rstrip('.')}" for n, text in told.items() if text) + "."
 
 
@@ -258,7 +258,7 @@ def checked(cfg: Config) -> dict[str, Any]:
             raise UserError("not a list of effects", where=f"diagnose.{key}", received=repr(names),
                             allowed=("all, " if key == "effects" else "") + "a list such as [drag, delay]")  # fmt: skip
         for name in names:
-            choose(name, EFFECTS, f"diagnose.{key}")
+            choose(name.partition("@")[0], EFFECTS, f"diagnose.{key}")
     if not isinstance(options["log10_p"], int | float) or not -300 < options["log10_p"] < 0:
         raise UserError("impossible threshold", where="diagnose.log10_p", received=options["log10_p"],
                         allowed="a negative number, -2 for 1 %")  # fmt: skip
