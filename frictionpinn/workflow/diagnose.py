@@ -22,7 +22,16 @@ from ..errors import UserError, choose
 from ..identify.result import plain
 from ..physics.effects import EFFECTS
 from ..physics.mechanism import Mechanism
-from .build import Config, build_friction, build_noise, build_recording, build_system, check_pairing, seed_of
+from .build import (
+    Config,
+    build_friction,
+    build_noise,
+    build_recording,
+    build_system,
+    check_pairing,
+    law_table,
+    seed_of,
+)
 from .configs import called
 from .manifest import write_json
 from .provenance import commit, versions
@@ -73,7 +82,7 @@ def examine(cfg: Config, mechanism: Mechanism, recording: Recording) -> Diagnosi
              f"{', '.join(held_out.names) or 'none'}")  # fmt: skip
     settings = Settings(float(options["log10_p"]), int(options["most"]), worth=float(options["worth"]))
     wanted = {key: options[key] for key in ("inputs", "initial", "windows", "free", "loss")}
-    friction = {key: _given(cfg["friction"].get(key)) for key in ("start", "bounds", "fixed")}
+    friction = {key: law_table(cfg["friction"], key, mechanism.law) for key in ("start", "bounds", "fixed")}
     effects = None if options["effects"] == "all" else options["effects"]
     d = run_diagnosis(
         mechanism, fitted, held_out, effects=effects, settings=settings, start=friction["start"] or None,
@@ -238,10 +247,6 @@ def chosen_signals(recording: Recording, names: list[str] | None) -> Recording:
         choose(name, dict.fromkeys(present), "diagnose.signals")
     trials = [replace(t, signals={n: y for n, y in t.signals.items() if n in names}) for t in recording.trials]
     return replace(recording, trials=tuple(trials))
-
-
-def _given(table: Any) -> dict[str, Any]:
-    return {key: value for key, value in (table or {}).items() if value is not None}
 
 
 def checked(cfg: Config) -> dict[str, Any]:
