@@ -15,6 +15,7 @@ from ..control import Compensator, Gains, Loop, Plant, close, reference, tuned
 from ..control.build import build_compensator
 from ..control.compensator import check_axis, completed
 from ..control.page import page, picture
+from ..control.pid import loop_dead_time
 from ..control.record import recorded
 from ..control.recursions import inertia
 from ..data.recording import Recording
@@ -108,7 +109,7 @@ def _gains(plant: Plant, declared: Mechanism, loop: Mapping[str, float]) -> Gain
     """The PID, from the declared inertia and the delay alone."""
     probe = Compensator(declared, completed(declared, {}))
     m = inertia(probe.plan.newton, probe.plan.p, probe.plan.sizes)
-    dead_time = loop["delay"] + loop["interval"] / 2 + 1e-3
+    dead_time = loop_dead_time(loop["delay"], loop["interval"])
     return tuned(m, dead_time, loop["sensitivity"], limit=plant.limit, dead=2 * plant.resolution)
 
 
