@@ -95,7 +95,7 @@ def draw(kind: str, seed: int) -> tuple[Mechanism, Recording, str, dict[str, flo
     else:
         name, contact, effect = "pob_hinge", "hinge", "friction" if kind == "undeclared" else ""
         plain, signed, (declared, truth, clean) = ("mu_c", "sigma_2")[seed % 2], False, bed(name, "hinge")
-        against = rms([trial.signals["tau"] for trial in clean.trials])
+        against = rms([trial.signals["tau"] for trial in clean.trials if "tau" in trial.signals])
     if not effect:
         return declared, GaussianNoise(NOISE)(clean, seed), "", {}
     located, strength = f"{effect}@{contact}", f"{contact}.{plain}"

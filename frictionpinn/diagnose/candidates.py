@@ -28,8 +28,8 @@ USUAL = ("friction", "constant_force", "asymmetry", "viscous", "payload", "inert
          "spring_force", "delay")  # fmt: skip
 BUMPS = 8  # of a remainder: shapes that vary within an eighth of the range of its variable
 LIMIT = 0.99  # of the way to a limit is at it: searches may stop just short
-Scales = Mapping[str, tuple[float, float]]  # offset and size of what the values of hidden parameters are multiples of
 POWER = 0.95  # share of the slip velocity's power below the frequency of the fastest motion: beyond is noise
+Scales = Mapping[str, tuple[float, float]]  # see data_scales
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,8 @@ def candidates(
         table = {par.name: par for par in effect.parameters_on(system, law)}
         for group, strengths in effect.groups(system, law).items():
             shapes = [par for par in table.values() if par.hidden and par.scan and par.group in ("", group)]
-            axes = [[(par.name, float(v)) for v in par.scan.values(covered[par.name.rpartition(".")[0]])] for par in shapes if par.scan]
+            own = covered[next(iter(table)).rpartition(".")[0]]
+            axes = [[(par.name, float(v)) for v in par.scan.values(own)] for par in shapes if par.scan]
             grid = tuple(dict(point) for point in itertools.product(*axes))
             free = tuple(par.name for par in shapes if par.scan and par.scan.count > 1)
             result.append(Candidate(effect.name, group, strengths, free, grid, effect.bends))
@@ -184,8 +185,7 @@ def samples(system: System, run: Simulation, expression: sp.Expr) -> np.ndarray:
 
     ``system`` is as the contact sees it.
     """
-    if len(run.contacts) > 1:
-        run = run.at(system.contacts[0].name)
+    run = run.at(system.contacts[0].name)
     known = {CONTACT.t: run.t, CONTACT.v: run.v_slip, CONTACT.N: run.N}
     known |= {s: run.signals.get(n, np.zeros(len(run.t))) for n, s in signal_symbols(system).items()}
     expression = sp.sympify({CONTACT.s: system.slip_position, CONTACT.a: system.a_slip}.get(expression, expression))

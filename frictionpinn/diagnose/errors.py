@@ -70,9 +70,9 @@ def compare(
     excesses: dict[str, Excess] = {}
     for name in tables[0]:
         if name in forces[0]:
-            what = f"the {'measured' if system.massless else 'friction'} force"
-            at = name.removesuffix(FORCE).removesuffix(".") if not system.massless else ""
-            what, unit = what + (f" of the {at}" if at else ""), system.at(at).force_unit
+            at = "" if system.massless else name.removesuffix(FORCE).removesuffix(".")
+            what, unit = f"the {'measured' if system.massless else 'friction'} force", system.at(at).force_unit
+            what += f" of the {at}" if at else ""
         else:
             predicted = name in bench.problem.channels.outputs
             what = f"{name} in simulation" if predicted else f"the {name} that the model needs"
@@ -140,11 +140,13 @@ def rms(own: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.nanmean(np.concatenate(own) ** 2)))
 
 
-def told_apart(system: System) -> dict[str, System]:
-    """Name of a friction force -> the system as its contact sees it, of those that the measured motion implies."""
-    names = {f"{view.contacts[0].name}.{FORCE}".lstrip("."): view for view in system.each}
-    with suppress(UserError):  # fewer equations than contacts
-        return {name: view for name, view in names.items() if view.friction_implied is not None}
+def frictions(system: System) -> dict[str, tuple[System, sp.Expr]]:
+    """Name of a friction force -> the system as its contact sees it, and the force that the motion implies there.
+
+    None where fewer equations than contacts hold one.
+    """
+    with suppress(UserError):
+        return {f"{at.contacts[0].name}.{FORCE}".lstrip("."): (at, at.friction_implied) for at in system.each}
     return {}
 
 
@@ -164,9 +166,9 @@ def implied_forces(bench: Bench, fit: Fit, outliers: Masks) -> dict[str, list[tu
             ((name, key), *_) = model.outputs.items()
             result.setdefault(name, []).append((measured[name], run.F if key == "F" else run.signals[key]))
             continue
-        for name, view in told_apart(system).items():
-            at = replace(run, signals=measured).at(view.contacts[0].name)
-            result.setdefault(name, []).append((samples(view, at, view.friction_implied), at.F))
+        for name, (at, force) in frictions(system).items():
+            pair = samples(at, replace(run, signals=measured), force), run.at(at.contacts[0].name).F
+            result.setdefault(name, []).append(pair)
     return result
 
 
@@ -209,12 +211,12 @@ def noise_levels(bench: Bench, fit: Fit, sigmas: Mapping[str, float]) -> dict[st
     source = NEIGHBOURS if {r.source for r in result.values()} == {NEIGHBOURS} else RESIDUAL
     worst = max((r.error for r in result.values()), default=0.0)
     runs, forces = bench.simulate(fit), dict[str, Level]()
-    for force, view in told_apart(system).items():
-        implied = {n: sp.diff(view.friction_implied, s) for n, s in signal_symbols(system).items() if n in result}
-        slopes = {n: rms([samples(view, run, slope) for run in runs]) for n, slope in implied.items() if slope != 0}
+    for name, (at, force) in frictions(system).items():
+        implied = {n: sp.diff(force, s) for n, s in signal_symbols(system).items() if n in result}
+        slopes = {n: rms([samples(at, run, slope) for run in runs]) for n, slope in implied.items() if slope != 0}
         own = float(np.linalg.norm([slope * result[n].sigma for n, slope in slopes.items()]))
         other = float(np.linalg.norm([slope * (result[n].other or result[n].sigma) for n, slope in slopes.items()]))
-        forces[force] = Level(own, worst, source, _if_apart(own, other))
+        forces[name] = Level(own, worst, source, _if_apart(own, other))
     return result | forces
 
 

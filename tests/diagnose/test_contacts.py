@@ -7,7 +7,7 @@ import pytest
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
-from frictionpinn.diagnose.augmented import load_augmented, save_augmented
+from frictionpinn.diagnose.augmented import load_augmented
 from frictionpinn.diagnose.candidates import effects_for, remainders
 from frictionpinn.diagnose.diagnosis import diagnose
 from frictionpinn.diagnose.report import equations, headline, in_latex
@@ -80,8 +80,9 @@ def test_undeclared_friction_of_the_hinge_is_named_with_its_law_and_size(dry):
     assert told["parameters"]["hinge.mu_c"]["unit"] == "1"
 
 
-def test_the_augmented_model_holds_the_friction_that_was_found(dry, tmp_path):
-    save_augmented(tmp_path / "augmented.yaml", dry)
+def test_page_and_augmented_model_hold_the_friction_that_was_found(dry, tmp_path):
+    dry.save(tmp_path)
+    assert "friction@hinge" in (tmp_path / "report.html").read_text(encoding="utf-8")
     mechanism, values = load_augmented(tmp_path / "augmented.yaml")
     assert mechanism.name == "pob_hinge+coulomb_viscous@box+none@hinge+friction@hinge"
     assert values["hinge.mu_c"] == pytest.approx(dry.values["hinge.mu_c"]) and values["hinge.sigma_2"] == 0
