@@ -17,7 +17,13 @@ from frictionpinn.physics.friction import CONTACT_LAWS
 from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.physics.scan import data_scales
 
-LAWS_IN_ORDER = ("coulomb_viscous", "coulomb", "stribeck", "dahl", *CONTACT_LAWS)  # the simplest in which an effect can act
+LAWS_IN_ORDER = (
+    "coulomb_viscous",
+    "coulomb",
+    "stribeck",
+    "dahl",
+    *CONTACT_LAWS,
+)  # the simplest in which an effect can act
 NOISE = 0.01  # of the signal shown, standard deviation over its own
 
 

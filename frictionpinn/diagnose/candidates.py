@@ -21,7 +21,6 @@ from ..physics.effects import applicable
 from ..physics.scan import data_scales
 from ..physics.system import System
 from .bench import Bench
-from .fit import Fit
 
 # Where the data do not tell several effects apart, the one that occurs more often stands first.
 USUAL = ("friction", "constant_force", "asymmetry", "viscous", "payload", "inertia", "stribeck", "presliding",

@@ -154,10 +154,10 @@ def equations(mechanism: Mechanism) -> list[sp.Eq]:
         below, prefix = f"_{at.name}" if at.name else "", f"{at.name}."
         short = {CONTACT.v: "v", CONTACT.N: "N", CONTACT.z: "z", CONTACT.zdot: "zdot", CONTACT.s: "s", CONTACT.a: "a"}
         names = {symbol: sp.Symbol(name + below) for symbol, name in short.items()}
-        names |= {s: sp.Symbol(s.name.removeprefix(prefix) + below) for s in vars(p).values() if s.name.startswith(prefix)}
-        result += [
-            sp.Eq(sp.Symbol(n + below), sp.sympify(e).xreplace(names), evaluate=False) for n, e in sides.items()
-        ]
+        names |= {
+            s: sp.Symbol(s.name.removeprefix(prefix) + below) for s in vars(p).values() if s.name.startswith(prefix)
+        }
+        result += [sp.Eq(sp.Symbol(n + below), sp.sympify(e).xreplace(names), evaluate=False) for n, e in sides.items()]
     return result
 
 

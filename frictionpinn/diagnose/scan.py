@@ -243,7 +243,7 @@ class _Place:
         def work(k: int) -> np.ndarray:
             model, row = fit.models[k], self.rows[k]
             if linear:
-                steady = [z not in model.start for z in simulator.bristles]
+                steady = [z for z in simulator.bristles if z not in model.start]
                 tangent = Tangent(simulator, self.runs[k], model.path(fit.locals[k]), fit.values, steady=steady)
                 changes = tangent.respond(c.strengths, c.grid, model.contact)
                 J = np.stack([changes[key] for key in model.outputs.values()])
