@@ -133,6 +133,8 @@ def report(d: Diagnosis, cfg: Config, folder: Path) -> dict[str, Any]:
 
 def next_step(d: Diagnosis, folder: Path) -> str:
     """What the verdict suggests to do."""
+    if d.verdict in (FOUND, PARTLY) and len(d.bench.mechanism.contacts) > 1:
+        return "load_augmented takes augmented.yaml to simulate with; networks learn the friction of one contact so far"
     if d.verdict in (FOUND, PARTLY):
         model = "pe2" if d.bench.mechanism.law.memory else "bb1"
         path = os.path.relpath(folder / "augmented.yaml")
