@@ -26,6 +26,7 @@ from omegaconf import OmegaConf
 
 from frictionpinn.control import Compensator, Gains, Loop, close, reference, tuned
 from frictionpinn.control.build import build_compensator
+from frictionpinn.control.pid import loop_dead_time
 from frictionpinn.control.references import halted
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -33,7 +34,6 @@ RESULTS = ROOT / "benchmarks" / "results"
 INTERVAL, DELAY = 1e-3, 1.5e-3  # s; the delay is what controllers believe: it is 1, 1.5 or 2 ms
 MOVES, HOLDS, SKIPPED = 6.0, 1.5, 2.0  # s: of motion, at rest after it, of the motion before errors count
 SETTLES = 0.3  # s at rest before a limit cycle is looked for
-DEAD_TIME = DELAY + INTERVAL / 2 + 1e-3  # delay, hold and the low-pass of the error's rate
 TUNING, FIRST = range(4), 1000  # seeds
 REFERENCES: dict[str, tuple[str, float, tuple[float, ...]]] = {  # shape, period in s, phases of the axes
     "slow triangle": ("triangle", 4.0, (0.0,)),
@@ -70,7 +70,7 @@ def controller(name: str) -> Gains:
     """The PID of a kind of axis."""
     kind = KINDS[name]
     m = kind.truth.get("M", kind.truth.get("J", 1.0))
-    return tuned(m, DEAD_TIME, limit=kind.limit, dead=2 * kind.resolution)
+    return tuned(m, loop_dead_time(DELAY, INTERVAL), limit=kind.limit, dead=2 * kind.resolution)
 
 
 def compensator(arm: str, it: Draw, gain: float = 1.0, **options: object) -> Compensator | None:

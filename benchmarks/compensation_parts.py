@@ -200,7 +200,7 @@ def diagnosed(chosen: dict) -> None:
             try:
                 rows.append(_diagnosed(chosen, name, seed))
                 lines.append(rows[-1]["line"])
-            except (UserError, np.linalg.LinAlgError) as error:
+            except UserError as error:
                 lines.append(f"  {name} {seed}: could not be identified ({error})")
             print(lines[-1], flush=True)
     for arm in ("feedforward", "estimator"):

@@ -10,7 +10,7 @@ from compensation import ARMS, CHOICES, FIGURES, FIRST, MOVES, RESULTS, SKIPPED,
 from compensation_plants import KINDS
 from matplotlib.figure import Figure
 
-from frictionpinn.control.page import page, picture
+from frictionpinn.show import page, picture, png
 
 COMMAND = "python benchmarks/compensation.py"
 INK = {"none": "#8d99ae", "coulomb": "#b08968", "stribeck": "#d9722e", "feedforward": "#edae49",
@@ -171,13 +171,15 @@ def write(chosen: dict) -> None:
     body = "<ul>" + "".join(f"<li>{html.escape(line)}</li>" for line in verdicts(result["table"])) + "</ul>\n"
     body += f'<p class="note">{html.escape(COMMAND)}; seeds {result["seeds"][0]} to {result["seeds"][1]}. Medians, '
     body += "quartiles in brackets.</p>\n"
-    body += picture(gains(result["table"]), "Median of the ratio over seeds; the bar is the median of all settings.")
+    body += picture(
+        png(gains(result["table"])), "Median of the ratio over seeds; the bar is the median of all settings."
+    )
     for name, motions in result["table"].items():
         body += f"<h2>{html.escape(KINDS[name].title)}</h2>\n{grid(name, motions, 'rms')}{grid(name, motions, 'peak')}"
         body += picture(
-            traces(name, chosen), "Tracking error, and what was added to the torque beside the true friction."
+            png(traces(name, chosen)), "Tracking error, and what was added to the torque beside the true friction."
         )
-    body += picture(circle("drive", chosen), "Two drives on a circle; grey: the circle that was asked for.")
+    body += picture(png(circle("drive", chosen)), "Two drives on a circle; grey: the circle that was asked for.")
     for path in parts:
         body += f"<h2>{html.escape(path.stem.removeprefix('compensation_').capitalize())}</h2>\n"
         body += f"<pre>{html.escape(path.read_text(encoding='utf-8'))}</pre>\n"

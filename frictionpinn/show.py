@@ -23,7 +23,8 @@ WIDTH, LEAST = 110, 12  # of a table as text; of a column that gives way to othe
 STYLE = "text-align:left;padding:2px 12px 2px 0;font-variant-numeric:tabular-nums"
 
 # Of the pages that results write: light or dark as the reader's system is, tables wider than the screen scroll in
-# <div class="wide">, figures, which are drawn on white, turned over in the dark with their hues kept.
+# <div class="wide">, figures, which are drawn on white, turned over in the dark with their hues kept. Rows and cells of
+# class "ours" stand out.
 LOOKS = """:root {color-scheme: light dark; --ink: #222; --paper: #fff; --soft: #555; --line: #ddd; --box: #f5f6f8}
 @media (prefers-color-scheme: dark) {
 :root {--ink: #ddd; --paper: #16191d; --soft: #a5abb3; --line: #3a3f46; --box: #22262c}
@@ -35,8 +36,12 @@ color: var(--ink); background: var(--paper); overflow-wrap: break-word}
 table {border-collapse: collapse; width: 100%}
 th, td {padding: .3rem .7rem; text-align: right; border-bottom: 1px solid var(--line);
 font-variant-numeric: tabular-nums}
+th:first-child, td:first-child {text-align: left}
+th[scope=row] {font-weight: inherit}
+td.ours, tr.ours > * {font-weight: 600} small {white-space: nowrap}
 img {max-width: 100%; height: auto} figure {margin: 2rem 0}
-figcaption, p.note {color: var(--soft); font-size: .9rem}"""
+figcaption, p.note {color: var(--soft); font-size: .9rem}
+pre {background: var(--box); padding: .6rem; overflow-x: auto; font-size: .8rem}"""
 
 
 @dataclass(frozen=True, repr=False)
@@ -167,3 +172,19 @@ def png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=100)
     return buffer.getvalue()
+
+
+def page(title: str, body: str) -> str:
+    """One self-contained page with a title; ``body`` is HTML."""
+    title = html.escape(title)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{title}</title>\n<style>\n{LOOKS}\n</style></head><body>\n<h1>{title}</h1>\n{body}\n</body></html>\n"
+    )
+
+
+def picture(content: bytes, caption: str) -> str:
+    """A figure in a page, the content of its PNG file and all, with a caption."""
+    data, told = base64.b64encode(content).decode(), html.escape(caption)
+    return f'<figure><img alt="{told}" src="data:image/png;base64,{data}"><figcaption>{told}</figcaption></figure>'

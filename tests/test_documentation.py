@@ -12,6 +12,7 @@ import yaml
 from documented import PAGES, ROOT, block
 
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
+from frictionpinn.physics.friction import CONTACT_LAWS
 
 TOOLS = ROOT / "docs" / "tools"
 sys.path.insert(0, str(TOOLS))
@@ -87,7 +88,7 @@ def test_cells_share_their_names_and_a_failing_one_is_told(tmp_path):
 @pytest.mark.parametrize("name", EFFECTS)
 def test_every_effect_has_a_place_in_the_gallery_and_says_where_it_occurs(name):
     bed, law, beside = gallery.place_of(name)
-    assert EFFECTS[name]().applies(bed.mechanism(law).system, LAWS[law](), beside)
+    assert EFFECTS[name]().applies(bed.mechanism(law).system, CONTACT_LAWS[law](), beside)
     assert {"equation", "occurs", "experiment"} <= set(EFFECTS[name].said())
 
 

@@ -13,11 +13,17 @@ import frictionpinn as fp
 from frictionpinn.data.recording import Recording
 from frictionpinn.data.simulated import simulate_trials
 from frictionpinn.numerics.simulate import Simulator
-from frictionpinn.physics import LAWS
+from frictionpinn.physics.friction import CONTACT_LAWS
 from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.physics.scan import data_scales
 
-LAWS_IN_ORDER = ("coulomb_viscous", "coulomb", "stribeck", "dahl", *LAWS)  # the simplest in which an effect can act
+LAWS_IN_ORDER = (
+    "coulomb_viscous",
+    "coulomb",
+    "stribeck",
+    "dahl",
+    *CONTACT_LAWS,
+)  # the simplest in which an effect can act
 NOISE = 0.01  # of the signal shown, standard deviation over its own
 
 
@@ -38,7 +44,7 @@ class Bed:
 
     def truth(self, law: str) -> dict[str, float]:
         """The law's parameters that have no default."""
-        return {par.name: self.values[par.name] for par in LAWS[law].parameters if par.value is None}
+        return {par.name: self.values[par.name] for par in CONTACT_LAWS[law].parameters if par.value is None}
 
     def record(self, mechanism: Mechanism, values: Mapping[str, float]) -> Recording:
         """What the sensors of the mechanism show, without noise."""
@@ -68,7 +74,7 @@ BEDS = (
 
 @cache
 def _made(system: str, imposed: bool, law: str, effects: tuple[str, ...]) -> Mechanism:
-    return fp.mechanism(fp.system(system, imposed=imposed), law, effects)
+    return Mechanism(fp.system(system, imposed=imposed), CONTACT_LAWS[law](), effects)
 
 
 @cache
@@ -92,6 +98,8 @@ def fitted(
     def residuals(x: np.ndarray) -> list[np.ndarray]:
         return predicted_less(mechanism, recording, known | dict(zip(names, x * scale, strict=True)), shown)
 
+    if not names:
+        return residuals(scale)
     best = least_squares(lambda x: np.concatenate(residuals(x)), np.ones(len(names)), bounds=(1e-3, 1e3),
                          diff_step=1e-3, max_nfev=40)  # fmt: skip
     return residuals(best.x)

@@ -19,8 +19,9 @@ from reference import SHORT, latex, quoted, table
 
 from frictionpinn.data.recording import Recording
 from frictionpinn.evaluate.style import INK, readable
-from frictionpinn.physics import EFFECTS, LAWS, Effect
+from frictionpinn.physics import EFFECTS, Effect
 from frictionpinn.physics.base import CONTACT, SESSION, TIME, TRIAL
+from frictionpinn.physics.friction import CONTACT_LAWS
 from frictionpinn.physics.mechanism import FRICTION, Mechanism
 from frictionpinn.show import readable_unit
 
@@ -98,7 +99,7 @@ def place_of(name: str) -> tuple[Bed, str, tuple[str, ...]]:
     for beside in ((), ("presliding",)):
         for bed in BEDS:
             for law in LAWS_IN_ORDER:
-                if kind.applies(bed.mechanism(law).system, LAWS[law](), beside):
+                if kind.applies(bed.mechanism(law).system, CONTACT_LAWS[law](), beside):
                     return bed, law, beside
     raise LookupError(f"effect {name} can act on none of the gallery's systems: add one to beds.py")
 

@@ -14,6 +14,7 @@ from ..errors import UserError
 from ..export.portable import PortableModel
 from ..online import OnlineEstimator
 from .compensator import STILL, Command, actuator
+from .recursions import let_through
 
 
 class EstimatorFeedback:
@@ -67,8 +68,8 @@ class EstimatorFeedback:
         reading = self.estimator.update(self._cycle * self._h, {self._position: position, self._force: acted})
         self._cycle += 1
         if np.isfinite(reading.force):
-            w = reference[1] ** 2 / (reference[1] ** 2 + self._still**2)
-            wanted = self._torque + w * self._share * (reading.force - self._torque)
+            rate = let_through(float(reference[1]), self._still) * self._share
+            wanted = self._torque + rate * (reading.force - self._torque)
             self._torque = float(np.clip(wanted, -self._limit, self._limit))
         reach = (reading.high - reading.low) / 2
         return Command(self._torque, self._torque - reach, self._torque + reach)

@@ -252,8 +252,8 @@ def close(
     own = Compensator(plant.mechanism, plant.parameters, interval=step).plan
     atol = np.full(n_s, ATOL * part)
     atol[1] = ATOL
-    order = min(METHOD.order, METHOD.order_embedded) + 1
-    body = Body(pointer(kernels.plain.newton), METHOD.a, METHOD.c, METHOD.error, order, atol, kernels.places)
+    body = Body(pointer(kernels.plain.newton), METHOD.a, METHOD.c, METHOD.error, METHOD.order_error, atol,
+                kernels.places)  # fmt: skip
     compiled = isinstance(compensator, Compensator)
     helper = compensator if isinstance(compensator, Compensator) else Compensator(plant.mechanism, plant.parameters)
     if compensator is not None:

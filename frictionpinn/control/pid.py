@@ -12,6 +12,7 @@ from ..errors import UserError
 from ..numerics.integrator import OPTIONS
 
 INTEGRAL, RATE, LAST, BEGUN = 0, 1, 2, 3  # places in the memory
+FILTER = 1e-3  # s: low-pass of the error's rate where none is given
 
 
 class Gains(NamedTuple):
@@ -56,7 +57,12 @@ def pid(gains, memory, reference, reading, added, h):
     return torque
 
 
-def tuned(inertia: float, dead_time: float, sensitivity: float = 1.4, filter: float = 1e-3,
+def loop_dead_time(delay: float, interval: float, filter: float = FILTER) -> float:
+    """Dead time to tune with, s: delay from a command to its effect, half of the hold, low-pass of the error's rate."""
+    return delay + interval / 2 + filter
+
+
+def tuned(inertia: float, dead_time: float, sensitivity: float = 1.4, filter: float = FILTER,
           limit: float = 1e9, dead: float = 0.0) -> Gains:  # fmt: skip
     """The fastest triple pole whose maximum sensitivity stays below a bound, on the axis without friction.
 
@@ -65,7 +71,7 @@ def tuned(inertia: float, dead_time: float, sensitivity: float = 1.4, filter: fl
 
     Args:
         inertia: kg or kg m^2.
-        dead_time: from a reading to the middle of its command's effect, s.
+        dead_time: from a reading to the middle of its command's effect, s, see :func:`loop_dead_time`.
         sensitivity: bound of Ms, above 1; 1.4 is the robust choice of the source.
         filter, limit, dead: see :class:`Gains`.
 

@@ -33,14 +33,7 @@ WILD = 6.0  # standard deviations: the most by which a reading moves the state
 FURTHEST = 1.3862943611198906  # log 4: the furthest that a parameter may go from its first value
 Z95 = 1.959964
 DEVIATION, SPEED, DISTURBANCE, THETA = 0, 1, 2, 3  # places in X, theta from the last on
-EXCESS, INERTIA, POSITION, VELOCITY, ACCELERATION, SLOPES = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-)  # columns of ``past``; dT/dtheta at the end
+EXCESS, INERTIA, POSITION, VELOCITY, ACCELERATION, SLOPES = range(6)  # columns of ``past``; dT/dtheta at the end
 MEMORY_OF_SCALE = 0.5  # s: over which the squares of the innovations are averaged
 TIME, FEEDBACK, TORQUE, SCALE = 0, 1, 2, 3  # places in ``held``
 
@@ -110,6 +103,12 @@ class Memory(NamedTuple):
     past: np.ndarray
     held: np.ndarray
     begun: np.ndarray
+
+
+@njit(**OPTIONS)
+def let_through(v, still):
+    """Share of the feedback at a velocity of the reference: 0 at rest, where all that feeds back is held as it is."""
+    return v * v / (v * v + still * still)
 
 
 @njit(**OPTIONS)
@@ -286,8 +285,7 @@ def cycle(plan, memory, reference, reading, torque, result):
     """
     n_s, n_w, _, _ = plan.sizes
     X, past, held, k = memory.X, memory.past, memory.held, plan.places.shape[0]
-    speed = reference[1] * reference[1]
-    share = speed / (speed + plan.still * plan.still)  # 0 at rest: all that feeds back is then held as it is
+    share = let_through(reference[1], plan.still)
     out, seen = np.zeros(n_w + n_w * (n_s + n_w) + 1), np.zeros(3)
     matrix, pivots = np.empty((n_w, n_w)), np.empty(n_w, np.int64)
     if memory.begun[0] == 0:

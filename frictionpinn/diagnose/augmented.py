@@ -10,8 +10,9 @@ import sympy as sp
 import yaml
 
 from ..errors import UserError, choose
-from ..physics import LAWS, SYSTEMS
+from ..physics import SYSTEMS
 from ..physics.base import CONTACT, SESSION, TIME, TRIAL
+from ..physics.contacts import law_named
 from ..physics.mechanism import Mechanism
 from ..physics.system import System
 from .candidates import remainders
@@ -35,6 +36,7 @@ def save_augmented(path: Path, d: Diagnosis, data: Mapping[str, Any] | None = No
     values = {par.name: float(table[par.name]) for par in mechanism.parameters if par.name in table}
     content = {
         "name": law.name,
+        **({"contacts": {at.name: at.law.name for at in mechanism.contacts}} if len(mechanism.contacts) > 1 else {}),
         "system": {"name": system.name, "equations": system.equations, "imposed": system.imposed,
                    "parameters": {n: v for n, v in values.items() if n in masses}},
         "values": {n: v for n, v in values.items() if n in own},
@@ -69,7 +71,7 @@ def load_augmented(path: str | Path) -> tuple[Mechanism, dict[str, float]]:
         system = kind(equations=given["equations"], imposed=given["imposed"], **given["parameters"])
         networks = {r.name: r for r in remainders(system)}
         acting = tuple(networks.get(name, name) for name in effects)
-        mechanism = Mechanism(system, choose(content["name"], LAWS, "friction")(), acting)
+        mechanism = Mechanism(system, law_named(content.get("contacts") or content["name"], "friction"), acting)
         values = dict(content["values"]) | {k: v for table in effects.values() for k, v in table.items()}
     except (KeyError, TypeError, AttributeError, yaml.YAMLError) as error:
         raise UserError("not a friction model", where="friction", received=str(path),

@@ -28,6 +28,11 @@ LONGEST = 500.0  # times the steps that simulate all trials once: a budget, beyo
 BACK = 0.1  # of its start value: from where dry friction that vanished beside something missing is estimated anew
 
 
+def _called(plain: str, names: Iterable[str]) -> list[str]:
+    """The parameters of any contact that have this name."""
+    return [name for name in names if name.rpartition(".")[2] == plain]
+
+
 class Part(Simulator):
     """A simulator that takes the parameters of a wider mechanism too, and leaves out what it lacks."""
 
@@ -75,9 +80,17 @@ class Bench:
 
     @cached_property
     def sizes(self) -> Sizes:
-        """How large the effects' parameters are on this data."""
-        force = float(np.sqrt(np.mean(np.concatenate([run.F for run in self.runs]) ** 2)))
-        return replace(self.problem.scales.sizes, force=force)
+        """How large the effects' parameters are on this data: friction forces as the declared model has them."""
+        declared, forces = self.problem.scales.sizes, dict[str, float]()
+        for name in self.runs[0].contacts:
+            force = float(np.sqrt(np.mean(np.concatenate([run.at(name).F for run in self.runs]) ** 2)))
+            forces[name] = force or declared.at(f"{name}.").force
+        return declared.with_forces(forces)
+
+    def forces(self, contact: str) -> np.ndarray:
+        """Friction force at a contact, all trials together, shape (n,); where there is none a force of usual size."""
+        force = np.concatenate([run.at(contact).F for run in self.runs])
+        return force if force.any() else np.full_like(force, self.sizes.at(f"{contact}.").force)
 
     @cached_property
     def runs(self) -> list[Simulation]:
@@ -122,12 +135,13 @@ class Bench:
 
     def equipped(self, models: Sequence[TrialModel], simulator: Simulator) -> tuple[TrialModel, ...]:
         """Models on a mechanism with effects; where one brings a bristle, its initial state is unknown as well."""
-        if self.mechanism.memory or not self.tested.memory:
-            return tuple(replace(model, simulator=simulator) for model in models)
-        stroke = self.problem.scales.sizes.scales["stroke"][1]
+        declared = {contact.z.name for contact in self.mechanism.bristles}
+        strokes = {z: self.problem.scales.sizes.at(z).scales["stroke"][1]
+                   for z in (contact.z.name for contact in self.tested.bristles) if z not in declared}  # fmt: skip
         return tuple(
-            replace(model, simulator=simulator, states=(*model.states, "z"), start=model.start | {"z": 0.0},
-                    force_scales={"z": 0.25 * stroke})
+            replace(model, simulator=simulator, states=(*model.states, *strokes),
+                    start=model.start | dict.fromkeys(strokes, 0.0),
+                    force_scales={**model.force_scales, **{z: 0.25 * stroke for z, stroke in strokes.items()}})
             for model in models
         )  # fmt: skip
 
@@ -160,8 +174,8 @@ class Bench:
     ) -> Problem:
         """The problem with these parameters free, the others held at their values."""
         wider: dict[str, tuple[float, float]] = {}
-        if "sigma_2" in problem.names:  # viscous friction absorbs much of what is missing: it must be free to go
-            wider["sigma_2"] = (0.0, problem.space.bounds["sigma_2"][1])
+        for name in _called("sigma_2", problem.names):  # it absorbs much of what is missing: it must be free to go
+            wider[name] = (0.0, problem.space.bounds[name][1])
         trials = self.equipped(problem.trials, simulator)
         return problem.varied(names=names, values=values, simulator=simulator, limits=wider | dict(limits or {}),
                               sizes=self.sizes, trials=trials)  # fmt: skip
@@ -193,8 +207,8 @@ class Bench:
             imitating: that what ``fit`` simulates had been measured, without noise: a start near its minimum.
         """
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
-        if "mu_c" in {*names} & {*self.problem.names}:
-            values["mu_c"] = max(values["mu_c"], BACK * self.problem.start["mu_c"])
+        for name in _called("mu_c", {*names} & {*self.problem.names}):
+            values[name] = max(values[name], BACK * self.problem.start[name])
         probing = fit.models[0].simulator is self.probe
         simulator = self.probe if probing else self.part(names, values)
         models = tuple(replace(model, simulator=simulator) for model in fit.models)

@@ -15,19 +15,20 @@ import sympy as sp
 
 from ..numerics.simulate import Simulation
 from ..physics.base import CONTACT, FrictionLaw
+from ..physics.contacts import LocatedEffect
 from ..physics.effect import Effect, applied, hidden, load_varies, strength
-from ..physics.effects import EFFECTS, applicable
+from ..physics.effects import applicable
 from ..physics.scan import data_scales
 from ..physics.system import System
 from .bench import Bench
-from .fit import Fit
 
 # Where the data do not tell several effects apart, the one that occurs more often stands first.
-USUAL = ("constant_force", "asymmetry", "viscous", "payload", "inertia", "stribeck", "presliding", "spring_force",
-         "delay")  # fmt: skip
+USUAL = ("friction", "constant_force", "asymmetry", "viscous", "payload", "inertia", "stribeck", "presliding",
+         "spring_force", "delay")  # fmt: skip
 BUMPS = 8  # of a remainder: shapes that vary within an eighth of the range of its variable
 LIMIT = 0.99  # of the way to a limit is at it: searches may stop just short
 POWER = 0.95  # share of the slip velocity's power below the frequency of the fastest motion: beyond is noise
+Scales = Mapping[str, tuple[float, float]]  # see data_scales
 
 
 @dataclass(frozen=True)
@@ -58,38 +59,42 @@ class Candidate:
     @property
     def usual(self) -> int:
         """Rank among effects that the data do not tell apart: faults of sensors last."""
-        return USUAL.index(self.effect) if self.effect in USUAL else len(USUAL) + self.effect.startswith("sensor_")
+        kind = self.effect.partition("@")[0]
+        return USUAL.index(kind) if kind in USUAL else len(USUAL) + kind.startswith("sensor_")
 
 
 def effects_for(system: System, law: FrictionLaw, names: Iterable[str] | None = None) -> tuple[Effect, ...]:
-    """Every effect that can act on a system with a law, or the named ones among them, as objects."""
-    first = {effect.name for effect in applicable(system, law)}
-    every = {effect.name for effect in applicable(system, law, tuple(first))}
-    wanted = every if names is None else every & set(names)
-    return tuple(EFFECTS[name]() for name in EFFECTS if name in wanted)
+    """Every effect that can act on a system with a law, or the named ones among them, as objects.
+
+    Of several contacts a name is of the effect at one, ``asymmetry@hinge``, or at each, ``asymmetry``.
+    """
+    every = applicable(system, law, tuple(effect.name for effect in applicable(system, law)))
+    wanted = {e.name for e in every} if names is None else set(names)
+    return tuple(e for e in every if {e.name, e.name.partition("@")[0]} & wanted)
 
 
 def candidates(
-    effects: Sequence[Effect], system: System, law: FrictionLaw, scales: Mapping[str, tuple[float, float]]
+    effects: Sequence[Effect], system: System, law: FrictionLaw, covered: Mapping[str, Scales]
 ) -> tuple[Candidate, ...]:
     """All groups of strengths of the effects.
 
     Args:
-        scales: what the data cover, see :func:`frictionpinn.physics.scan.data_scales`.
+        covered: what the data cover at each contact, see :func:`scales`.
     """
     result = []
     for effect in effects:
         table = {par.name: par for par in effect.parameters_on(system, law)}
         for group, strengths in effect.groups(system, law).items():
             shapes = [par for par in table.values() if par.hidden and par.scan and par.group in ("", group)]
-            axes = [[(par.name, float(v)) for v in par.scan.values(scales)] for par in shapes if par.scan]
+            own = covered[next(iter(table)).rpartition(".")[0]]
+            axes = [[(par.name, float(v)) for v in par.scan.values(own)] for par in shapes if par.scan]
             grid = tuple(dict(point) for point in itertools.product(*axes))
             free = tuple(par.name for par in shapes if par.scan and par.scan.count > 1)
             result.append(Candidate(effect.name, group, strengths, free, grid, effect.bends))
     return tuple(result)
 
 
-class Remainder(Effect):
+class Bumps(Effect):
     """F = F_law + sum_k c_k b_k(x), and the law sees N (1 + sum_k d_k b_k(x)): what no named effect explains.
 
     b_k(x) = exp(-(x - x_k)^2 / h^2) are bumps at distances h over the range of the variable x. The c are one group of
@@ -100,7 +105,6 @@ class Remainder(Effect):
     """
 
     def __init__(self, variable: str, symbol: sp.Expr):
-        super().__init__()
         self.variable, self.symbol, self.name = variable, symbol, f"remainder_{variable}"
         self.place = f"{variable}_from", f"{variable}_step"  # hidden parameters: x_0 and h
 
@@ -121,6 +125,22 @@ class Remainder(Effect):
     def load(self, N, c, p):
         return N * (1 + self._sum("friction", p))
 
+
+class Remainder(LocatedEffect):
+    """What no named effect explains at a contact, as a sum of :class:`Bumps` over one variable.
+
+    Attributes:
+        variable: that it depends on; with several contacts at which, ``velocity@hinge``.
+        symbol: of it.
+        place: names of the hidden parameters that place the bumps.
+    """
+
+    def __init__(self, variable: str, symbol: sp.Expr, contact: str = ""):
+        plain = Bumps(variable, symbol)
+        super().__init__(plain, contact)
+        self.variable, self.symbol = self._here(variable), symbol
+        self.place = tuple(map(self._called, plain.place))
+
     def bumps(self, x: np.ndarray, places: Mapping[str, float]) -> np.ndarray:
         """b_k at samples x of the variable, shape (n,) -> (n, BUMPS)."""
         first, step = (places[name] for name in self.place)
@@ -128,7 +148,12 @@ class Remainder(Effect):
 
 
 def remainders(system: System) -> tuple[Remainder, ...]:
-    """One for each variable on which a force along the slip may depend: of the contact, then measured ones."""
+    """One for each variable on which a force along the slip of a contact may depend: its own, then measured ones."""
+    return tuple(Remainder(*item, c.name) for c in system.contacts for item in _variables(system.at(c.name)).items())
+
+
+def _variables(system: System) -> dict[str, sp.Expr]:
+    """What a force at a contact may depend on, by name."""
     found: dict[str, sp.Expr] = {"time": CONTACT.t}
     if system.slip_position is not None:
         found["position"] = CONTACT.s
@@ -138,8 +163,7 @@ def remainders(system: System) -> tuple[Remainder, ...]:
     for c in system.moving:
         if system.jacobian[c.name] == 0:  # a motion across the slip
             found |= dict(zip(c.signals, c.symbols, strict=True))
-    found |= applied(system)
-    return tuple(Remainder(name, symbol) for name, symbol in found.items())
+    return found | applied(system)
 
 
 def places(remainder: Remainder, samples: np.ndarray) -> dict[str, float]:
@@ -149,11 +173,6 @@ def places(remainder: Remainder, samples: np.ndarray) -> dict[str, float]:
     return {first: float(low), step: float(max(high - low, 1e-9) / (BUMPS - 1))}
 
 
-def simulations(bench: Bench, fit: Fit) -> list[Simulation]:
-    """One of each trial, at the fit."""
-    return bench.simulate(fit)
-
-
 def signal_symbols(system: System) -> dict[str, sp.Symbol]:
     """Measured signal -> its symbol in the equations of motion."""
     motion = {n: s for c in system.moving for n, s in zip(c.signals, c.symbols, strict=True)}
@@ -161,7 +180,11 @@ def signal_symbols(system: System) -> dict[str, sp.Symbol]:
 
 
 def samples(system: System, run: Simulation, expression: sp.Expr) -> np.ndarray:
-    """An expression in the contact's variables and measured signals at the samples of a simulation, shape (n,)."""
+    """An expression in a contact's variables and measured signals at the samples of a simulation, shape (n,).
+
+    ``system`` is as the contact sees it.
+    """
+    run = run.at(system.contacts[0].name)
     known = {CONTACT.t: run.t, CONTACT.v: run.v_slip, CONTACT.N: run.N}
     known |= {s: run.signals.get(n, np.zeros(len(run.t))) for n, s in signal_symbols(system).items()}
     expression = sp.sympify({CONTACT.s: system.slip_position, CONTACT.a: system.a_slip}.get(expression, expression))
@@ -171,16 +194,25 @@ def samples(system: System, run: Simulation, expression: sp.Expr) -> np.ndarray:
     return np.broadcast_to(np.asarray(value, dtype=float), run.t.shape).copy()
 
 
-def scales(system: System, runs: Sequence[Simulation]) -> dict[str, tuple[float, float]]:
-    """What the values of hidden parameters are tried relative to, see :func:`frictionpinn.physics.scan.data_scales`."""
-    has_position = system.slip_position is not None
-    position = [samples(system, run, CONTACT.s) if has_position else np.cumsum(run.v_slip) for run in runs]
-    return data_scales([run.t for run in runs], position, [run.v_slip for run in runs], [run.N for run in runs])
+def scales(system: System, runs: Sequence[Simulation]) -> dict[str, Scales]:
+    """What hidden parameters are tried relative to, by contact; that of the first, too, for what is at none.
+
+    See :func:`frictionpinn.physics.scan.data_scales`.
+    """
+
+    def of(view: System) -> Scales:
+        own, has_position = [run.at(view.contacts[0].name) for run in runs], view.slip_position is not None
+        position = [samples(view, run, CONTACT.s) if has_position else np.cumsum(run.v_slip) for run in own]
+        return data_scales([run.t for run in own], position, [run.v_slip for run in own], [run.N for run in own])
+
+    found = {contact.name: of(system.at(contact.name)) for contact in system.contacts}
+    return {"": next(iter(found.values()))} | found
 
 
 def ranges(system: System, remainders: Sequence[Remainder], runs: Sequence[Simulation]) -> dict[str, np.ndarray]:
     """Samples of each remainder's variable, all trials together."""
-    return {r.variable: np.concatenate([samples(system, run, r.symbol) for run in runs]) for r in remainders}
+    views = {r.variable: system.at(r.contact) for r in remainders}
+    return {r.variable: np.concatenate([samples(views[r.variable], run, r.symbol) for run in runs]) for r in remainders}
 
 
 def impossible(
@@ -208,15 +240,16 @@ def impossible(
             return f"{name} is no number"
         if np.isfinite(low) and low < 0 and value <= LIMIT * low:
             return f"{name} at its limit, {low:.3g} {table[name].unit}, where nothing is left of what it changes"
-        if name.endswith("wavelength") and value > (stroke := bench.sizes.scales["stroke"][1]):
+        if name.endswith("wavelength") and value > (stroke := bench.sizes.at(name).scales["stroke"][1]):
             return f"{name} of {value:.3g} above the stroke of {stroke:.3g}: no period was seen"
     effect = next(e for e in bench.tested.effects if e.name == candidate.effect)
     delays = {name for signs in effect.delays(bench.tested.system, bench.tested.law).values() for name in signs}
     late = max((n for n in candidate.strengths if n in delays), key=lambda n: abs(values[n]), default=None)
     if late and abs(values[late]) > (period := fastest_period(bench)):
         return f"{late} of {values[late]:.3g} s, longer than a period of the fastest motion, {period:.3g} s"
-    if candidate.effect == "inertia" and values["inertia"] < 0 and values["inertia"] <= -moving_mass(bench):
-        return f"inertia of {values['inertia']:.3g} makes the moving mass negative"
+    kind, _, contact = candidate.effect.partition("@")
+    if kind == "inertia" and (own := values[candidate.strengths[0]]) < 0 and own <= -moving_mass(bench, contact):
+        return f"inertia of {own:.3g} makes the moving mass negative"
     intervals = [] if ci95 is None else [ci95[name] for name in candidate.strengths]
     if not np.isfinite(intervals).all():
         return "these data do not tell how large it is"
@@ -233,22 +266,23 @@ def fastest_period(bench: Bench) -> float:
     fastest = 0.0
     for run in bench.simulate(bench.base):
         t = np.linspace(run.t[0], run.t[-1], len(run.t))
-        power = np.abs(np.fft.rfft(np.interp(t, run.t, run.v_slip))[1:]) ** 2
-        if power.sum() > 0:
-            k = int(np.searchsorted(np.cumsum(power), POWER * power.sum()))
-            fastest = max(fastest, (k + 1) / float(t[-1] - t[0]))
+        for v_slip in (run.at(name).v_slip for name in run.contacts):
+            power = np.abs(np.fft.rfft(np.interp(t, run.t, v_slip))[1:]) ** 2
+            if power.sum() > 0:
+                k = int(np.searchsorted(np.cumsum(power), POWER * power.sum()))
+                fastest = max(fastest, (k + 1) / float(t[-1] - t[0]))
     return 1 / fastest if fastest > 0 else np.inf
 
 
-def moving_mass(bench: Bench) -> float:
-    """Least force per slip acceleration along the motion, in the system's unit of mass or inertia.
+def moving_mass(bench: Bench, contact: str = "") -> float:
+    """Least force per slip acceleration of a contact along the motion, in its unit of mass or inertia.
 
     Infinite where the equation of motion has none.
     """
-    system = bench.mechanism.system
+    system = bench.mechanism.system.at(contact)
     slipping = [c for c in system.free if system.jacobian[c.name] != 0]
     if system.massless or len(slipping) != 1:
         return np.inf
     (c,) = slipping
-    slope = -sp.diff(system.friction_implied, c.symbols[2]) / system.jacobian[c.name]
+    slope = sp.diff(system.residual(c), c.symbols[2]) / system.jacobian[c.name] ** 2
     return min(float(samples(system, run, slope).min()) for run in bench.simulate(bench.base))

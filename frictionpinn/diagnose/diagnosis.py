@@ -17,7 +17,7 @@ from ..identify.result import Estimate
 from ..physics.mechanism import Mechanism
 from ..show import Shown, Table, interval, readable_unit
 from .bench import Bench
-from .candidates import Candidate, Remainder, candidates, effects_for, places, ranges, remainders, scales, simulations
+from .candidates import Candidate, Remainder, candidates, effects_for, places, ranges, remainders, scales
 from .contenders import surprise
 from .errors import main_signal
 from .fit import Fit
@@ -169,8 +169,7 @@ def diagnose(
     began, settings = time.perf_counter(), settings or Settings()
     held_out = held_out or Recording((), fitted.units)
     bench, kinds, probes = _bench(mechanism, fitted, held_out, effects, start, options)
-    base = bench.base
-    runs = simulations(bench, base)
+    runs = bench.runs
     system = mechanism.system
     options_ = candidates(kinds, system, mechanism.law, scales(system, runs))
     declared = {par.name for e in mechanism.effects for par in e.parameters_on(system, mechanism.law)}
@@ -182,7 +181,7 @@ def diagnose(
     log.info(f"{len(options_)} candidates of {len({c.effect for c in options_})} effects, "
              f"{sum(len(c.grid) for c in options_)} shapes")  # fmt: skip
     selection = select(bench, options_, probes, where, settings)
-    forces = np.concatenate([run.F for run in runs])
+    forces = {r.variable: bench.forces(r.contact) for r in probes}
     verdict = judge(bench, selection, probes, where, covered, forces, settings)
     fit, scanned = verdict.fit, verdict.scanned
     accepted = tuple(selection.accepted) if fit is selection.fit else ()

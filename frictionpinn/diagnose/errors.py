@@ -9,12 +9,14 @@ models that are compared; sigma is drawn along with its own standard error.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import sympy as sp
 
+from ..errors import UserError
 from ..identify.trial import TrialModel
 from ..numerics.smoothing import difference_sigma
 from ..physics.system import System
@@ -42,7 +44,7 @@ Masks = Sequence[Mapping[str, np.ndarray]]  # of every trial: signal -> which sa
 def compare(
     bench: Bench, fits: Sequence[Fit], sigmas: Mapping[str, float]
 ) -> tuple[dict[str, dict[str, Any]], dict[str, Excess]]:
-    """Errors of fits on the same trials by signal, and in the friction force that the motion implies (last).
+    """Errors of fits on the same trials by signal, and in the friction forces that the motion implies (last).
 
     Args:
         fits: the declared model first, the augmented one last.
@@ -60,16 +62,17 @@ def compare(
     system = bench.mechanism.system
     sigmas = {name: bench.problem.loss.spread * sigma for name, sigma in sigmas.items()}
     outliers, noise = find_outliers(bench, fits[-1], sigmas), noise_levels(bench, fits[-1], sigmas)
-    forces = [implied_force(bench, fit, outliers) for fit in fits]
+    forces = [implied_forces(bench, fit, outliers) for fit in fits]
     tables = [residuals(bench, fit, outliers) for fit in fits]
-    force = next(iter(tables[0])) if system.massless else FORCE
-    for table, pairs in zip(tables, forces, strict=True):
-        table[force] = [simulated - measured for measured, simulated in pairs]
+    for table, implied in zip(tables, forces, strict=True):
+        table |= {name: [simulated - measured for measured, simulated in pairs] for name, pairs in implied.items()}
     entries: dict[str, dict[str, Any]] = {}
     excesses: dict[str, Excess] = {}
     for name in tables[0]:
-        if name == force:
-            what, unit = f"the {'measured' if system.massless else 'friction'} force", system.force_unit
+        if name in forces[0]:
+            at = "" if system.massless else name.removesuffix(FORCE).removesuffix(".")
+            what, unit = f"the {'measured' if system.massless else 'friction'} force", system.at(at).force_unit
+            what += f" of the {at}" if at else ""
         else:
             predicted = name in bench.problem.channels.outputs
             what = f"{name} in simulation" if predicted else f"the {name} that the model needs"
@@ -83,8 +86,8 @@ def compare(
             "block_s": excess.block_s, "drop_over_error": excess.drop_over_error,
         }  # fmt: skip
         count = sum(int(masks[name].sum()) for masks in outliers if name in masks)
-        if name == force:
-            measured = max(rms([measured for measured, _ in forces[0]]), 1e-300)
+        if name in forces[0]:
+            measured = max(rms([measured for measured, _ in forces[0][name]]), 1e-300)
             entry["relative"] = {key: entry[key] / measured for key in ("before", "after", "noise_floor")}
         elif count:
             entry["outliers_left_out"] = count
@@ -103,7 +106,7 @@ def main_signal(system: System, errors: Mapping[str, Any]) -> str:
         best = max(table, key=table.__getitem__)
         if table[best] > 0:
             return best
-    slipping = [] if system.massless else [c for c in system.free if system.jacobian[c.name] != 0]
+    slipping = [] if system.massless else [c for c in system.free if any(v.jacobian[c.name] != 0 for v in system.each)]
     measured = [c.signals[order] for c in slipping for order in (1, 0, 2) if c.signals[order] in errors]
     return measured[0] if measured else next(iter(errors))
 
@@ -137,12 +140,23 @@ def rms(own: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.nanmean(np.concatenate(own) ** 2)))
 
 
-def implied_force(bench: Bench, fit: Fit, outliers: Masks) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Friction force that each trial's measured motion implies, and the simulated one, shape (n,) each.
+def frictions(system: System) -> dict[str, tuple[System, sp.Expr]]:
+    """Name of a friction force -> the system as its contact sees it, and the force that the motion implies there.
+
+    None where fewer equations than contacts hold one.
+    """
+    with suppress(UserError):
+        return {f"{at.contacts[0].name}.{FORCE}".lstrip("."): (at, at.friction_implied) for at in system.each}
+    return {}
+
+
+def implied_forces(bench: Bench, fit: Fit, outliers: Masks) -> dict[str, list[tuple[np.ndarray, np.ndarray]]]:
+    """Friction forces that each trial's measured motion implies, by name, and the simulated ones, shape (n,) each.
 
     The measured force of a system whose motion is imposed is taken as it is.
     """
-    system, pairs = bench.mechanism.system, []
+    system = bench.mechanism.system
+    result: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for model, run, masks in zip(fit.models, bench.simulate(fit), outliers, strict=True):
         measured = dict(run.signals)
         for name, y in measured_signals(model).items():
@@ -150,10 +164,12 @@ def implied_force(bench: Bench, fit: Fit, outliers: Masks) -> list[tuple[np.ndar
             measured[name] = np.where(masks.get(name, False), np.nan, y)
         if system.massless:
             ((name, key), *_) = model.outputs.items()
-            pairs.append((measured[name], run.F if key == "F" else run.signals[key]))
-        else:
-            pairs.append((samples(system, replace(run, signals=measured), system.friction_implied), run.F))
-    return pairs
+            result.setdefault(name, []).append((measured[name], run.F if key == "F" else run.signals[key]))
+            continue
+        for name, (at, force) in frictions(system).items():
+            pair = samples(at, replace(run, signals=measured), force), run.at(at.contacts[0].name).F
+            result.setdefault(name, []).append(pair)
+    return result
 
 
 def measured_signals(model: TrialModel) -> dict[str, np.ndarray]:
@@ -180,7 +196,7 @@ class Level:
 
 
 def noise_levels(bench: Bench, fit: Fit, sigmas: Mapping[str, float]) -> dict[str, Level]:
-    """Noise of every signal over all trials, fitted and held out, and of the force that the motion implies.
+    """Noise of every signal over all trials, fitted and held out, and of the forces that the motion implies.
 
     Args:
         sigmas: standard deviations of the model's residual with everything explained that a candidate or a variable
@@ -192,14 +208,16 @@ def noise_levels(bench: Bench, fit: Fit, sigmas: Mapping[str, float]) -> dict[st
     system = bench.mechanism.system
     if system.massless:
         return result
-    implied = {n: sp.diff(system.friction_implied, s) for n, s in signal_symbols(system).items() if n in result}
-    runs = bench.simulate(fit)
-    slopes = {n: rms([samples(system, run, slope) for run in runs]) for n, slope in implied.items() if slope != 0}
-    own = float(np.linalg.norm([slope * result[n].sigma for n, slope in slopes.items()]))
-    other = float(np.linalg.norm([slope * (result[n].other or result[n].sigma) for n, slope in slopes.items()]))
     source = NEIGHBOURS if {r.source for r in result.values()} == {NEIGHBOURS} else RESIDUAL
     worst = max((r.error for r in result.values()), default=0.0)
-    return result | {FORCE: Level(own, worst, source, _if_apart(own, other))}
+    runs, forces = bench.simulate(fit), dict[str, Level]()
+    for name, (at, force) in frictions(system).items():
+        implied = {n: sp.diff(force, s) for n, s in signal_symbols(system).items() if n in result}
+        slopes = {n: rms([samples(at, run, slope) for run in runs]) for n, slope in implied.items() if slope != 0}
+        own = float(np.linalg.norm([slope * result[n].sigma for n, slope in slopes.items()]))
+        other = float(np.linalg.norm([slope * (result[n].other or result[n].sigma) for n, slope in slopes.items()]))
+        forces[name] = Level(own, worst, source, _if_apart(own, other))
+    return result | forces
 
 
 def noise_level(measured: Sequence[tuple[np.ndarray, np.ndarray]], residual: float) -> Level:

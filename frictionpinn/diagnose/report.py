@@ -138,20 +138,27 @@ def write_page(path: Path, result: Mapping[str, Any], words: str, mathml: str, f
 
 
 def equations(mechanism: Mechanism) -> list[sp.Eq]:
-    """Friction force of the law and its effects as the contact sees them, and where there is a bristle its rate z'.
+    """Friction force of the law and its effects as each contact sees them, and where there is a bristle its rate z'.
 
-    In velocity v, acceleration a, position s, normal force N and bristle deflection z.
+    In velocity v, acceleration a, position s, normal force N and bristle deflection z; of several contacts with the
+    contact's name below.
     """
-    law, seen, p = mechanism.law, mechanism._seen, mechanism.p
-    force = sp.sympify(law.force(seen, law.symbols)) + sum(e.force(seen, p, law) for e in mechanism.effects)
-    sides = {"F": force}
-    if law.memory:
-        sides["zdot"] = law.bristle_rate(seen, law.symbols)
-    elif mechanism.memory:
-        sides["zdot"] = next(e for e in mechanism.effects if e.memory).bristle_rate(seen, p, law)
-    short = {CONTACT.v: "v", CONTACT.zdot: "zdot", CONTACT.s: "s", CONTACT.a: "a"}
-    names = {symbol: sp.Symbol(name) for symbol, name in short.items()}
-    return [sp.Eq(sp.Symbol(n), sp.sympify(e).xreplace(names), evaluate=False) for n, e in sides.items()]
+    result = []
+    for at in mechanism.contacts:
+        law, p, seen = mechanism.law, mechanism.p, at.seen
+        sides = {"F": sp.sympify(at.law.force(seen, at.p)) + sum(e.force(seen, p, law) for e in at.effects)}
+        if at.law.memory:
+            sides["zdot"] = at.law.bristle_rate(seen, at.p)
+        elif at.memory:
+            sides["zdot"] = next(e for e in at.effects if e.memory).bristle_rate(seen, p, law)
+        below, prefix = f"_{at.name}" if at.name else "", f"{at.name}."
+        short = {CONTACT.v: "v", CONTACT.N: "N", CONTACT.z: "z", CONTACT.zdot: "zdot", CONTACT.s: "s", CONTACT.a: "a"}
+        names = {symbol: sp.Symbol(name + below) for symbol, name in short.items()}
+        names |= {
+            s: sp.Symbol(s.name.removeprefix(prefix) + below) for s in vars(p).values() if s.name.startswith(prefix)
+        }
+        result += [sp.Eq(sp.Symbol(n + below), sp.sympify(e).xreplace(names), evaluate=False) for n, e in sides.items()]
+    return result
 
 
 def in_latex(e: sp.Eq) -> str:

@@ -67,6 +67,7 @@ class Remaining:
         log_p: as of a candidate.
         coefficients: of the bumps, one Gauss-Newton step, shape (BUMPS,).
         errors: their covariance, shape (BUMPS, BUMPS).
+        names: strengths of its bumps.
     """
 
     variable: str
@@ -74,15 +75,7 @@ class Remaining:
     log_p: float
     coefficients: np.ndarray
     errors: np.ndarray
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Strengths of its bumps."""
-        return _bumps(self.kind, self.variable)
-
-
-def _bumps(kind: str, variable: str) -> tuple[str, ...]:
-    return tuple(f"{kind}_{variable}_{k}" for k in range(BUMPS))
+    names: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -121,8 +114,9 @@ def scan(
     middle = {name: value for c in options for name, value in c.grid[len(c.grid) // 2].items()}
     fit = replace(fit, values=fit.values | middle)
     strengths = dict.fromkeys(name for c in options for name in c.strengths)
-    variables = [(r.variable, kind) for r in remainders for kind in ("force", "friction")]
-    bumps = [name for variable, kind in variables for name in _bumps(kind, variable)]
+    probed = bench.probe.mechanism
+    variables = [(r.variable, *group) for r in remainders for group in r.groups(probed.system, probed.law).items()]
+    bumps = [name for *_, own in variables for name in own]
     names = (*fit.names, *strengths, *bumps)
     rows = linearise(bench, fit, names, places)
     sizes = {par.name: bench.sizes.of(par) for par in bench.probe.mechanism.parameters if par.name in names}
@@ -137,10 +131,10 @@ def scan(
     tested = in_parallel(lambda k: place.test(options[k]), [len(c.grid) for c in options])
     left, _, lengths = place.left(place.at_hand(bumps), bumps)
     remaining = []
-    normals = Normal.each([_bumps(kind, variable) for variable, kind in variables], left) if variables else []
-    for (variable, kind), normal, length in zip(variables, normals, lengths.reshape(-1, BUMPS), strict=True):
+    normals = Normal.each([own for *_, own in variables], left) if variables else []
+    for (variable, kind, own), normal, length in zip(variables, normals, lengths.reshape(-1, BUMPS), strict=True):
         score, errors = normal.test(length), np.linalg.pinv(normal.A, rcond=SINGULAR, hermitian=True)
-        remaining.append(Remaining(variable, kind, log_p(score.statistic, score.freedom), score.step, errors))
+        remaining.append(Remaining(variable, kind, log_p(score.statistic, score.freedom), score.step, errors, own))
     return Scanned(
         tuple(sorted(tested, key=lambda t: t.log_p)),
         tuple(sorted(remaining, key=lambda m: m.log_p)),
@@ -254,7 +248,7 @@ class _Place:
         def work(k: int) -> np.ndarray:
             model, row = fit.models[k], self.rows[k]
             if linear:
-                steady = "z" not in model.start
+                steady = [z for z in simulator.bristles if z not in model.start]
                 tangent = Tangent(simulator, self.runs[k], model.path(fit.locals[k]), fit.values, steady=steady)
                 changes = tangent.respond(c.strengths, c.grid, model.contact)
                 J = np.stack([changes[key] for key in model.outputs.values()])

@@ -67,7 +67,7 @@ def judge(
     remainders: Sequence[Remainder],
     places: Mapping[str, float],
     covered: Mapping[str, np.ndarray],
-    forces: np.ndarray,
+    forces: Mapping[str, np.ndarray],
     settings: Settings,
 ) -> Verdict:
     """Judge a selection.
@@ -75,7 +75,7 @@ def judge(
     Args:
         remainders, places: see :func:`frictionpinn.diagnose.scan.scan`.
         covered: samples of every remainder's variable, shape (n,) each.
-        forces: friction force at the same samples, shape (n,).
+        forces: friction force at its contact at the same samples, see :meth:`Bench.forces`.
     """
     path = [selection.base, *selection.path, selection.fit]
     judged = [check(bench, fit) for fit in path]
@@ -96,7 +96,7 @@ def judge(
 
     remaining = significant(selection.last.remaining)
     bumps = {r.variable: r.bumps(covered[r.variable], places) for r in remainders}
-    matter = [m for m in remaining if size(m, bumps[m.variable], forces) >= settings.worth]
+    matter = [m for m in remaining if size(m, bumps[m.variable], forces[m.variable]) >= settings.worth]
     if not matter:
         name = FOUND if selection.accepted else NOTHING
     elif selection.accepted and not excess.squared[-1] > (1 - FIFTH) * excess.squared[0]:
@@ -169,7 +169,7 @@ def describe(
     remainders: Sequence[Remainder],
     places: Mapping[str, float],
     covered: Mapping[str, np.ndarray],
-    forces: np.ndarray,
+    forces: Mapping[str, np.ndarray],
 ) -> Unexplained:
     """Describe what a scan found to remain.
 
@@ -187,8 +187,8 @@ def describe(
     shape = bumps @ best.coefficients
     error = np.sqrt(np.maximum(np.einsum("ik,kl,il->i", bumps, best.errors, bumps), 0.0))
     share, formula = explained_share(bench, fit, best, places), sparse_formula(x, shape, error, best.variable)
-    unit = bench.mechanism.system.force_unit if best.kind == "force" else "1"
-    whole = size(best, remainder.bumps(covered[best.variable], places), forces)
+    unit = bench.mechanism.system.at(remainder.contact).force_unit if best.kind == "force" else "1"
+    whole = size(best, remainder.bumps(covered[best.variable], places), forces[best.variable])
     return Unexplained(names, best.kind, share, formula, x, shape, error, unit, best.log_p, whole)
 
 

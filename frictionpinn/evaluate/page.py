@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import html
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from string import Template
 from typing import Any
 
-from ..show import LOOKS
+from ..show import page, picture
 from .draw import KINDS, headline
 from .fidelity import sentences
 from .style import readable
@@ -21,24 +19,6 @@ _CAPTIONS = {
     "motion, and the motion that follows.",
     "characteristics": "Steady friction force over slip velocity and normal force.",
 }
-_PAGE = Template(
-    """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<title>$title</title><style>
-$looks
-th:first-child, td:first-child {text-align: left}
-th[scope=row] {font-weight: inherit}
-tr.model > * {font-weight: 600}
-</style></head><body>
-<h1>$title</h1>
-<p>$headline.</p>
-$fidelity
-$tables
-<p class="note">$note</p>
-$figures
-</body></html>
-"""
-)
 
 
 def columns(result: Mapping[str, Any]) -> list[str]:
@@ -120,17 +100,14 @@ def _about(about: Mapping[str, Any]) -> str:
 def write_page(path: Path, result: Mapping[str, Any], figures: Sequence[Path]) -> Path:
     """Write one HTML file that holds tables and figures."""
     title = f"{result['model'].upper()} of {result['trained_on']}, evaluated on {result['system']}"
-    tables = "\n".join(_table(result, name, about) for name, about in result["trajectories"].items())
-    page = _PAGE.substitute(
-        looks=LOOKS,
-        title=html.escape(title),
-        headline=html.escape(headline(result)),
-        fidelity="\n".join(f"<p>{html.escape(text)}.</p>" for text in sentences(result.get("fidelity", {}))),
-        tables=tables,
-        note=html.escape(note(result)),
-        figures="\n".join(_figure(item) for item in figures),
-    )
-    path.write_text(page, encoding="utf-8")
+    body = [
+        f"<p>{html.escape(headline(result))}.</p>",
+        *(f"<p>{html.escape(text)}.</p>" for text in sentences(result.get("fidelity", {}))),
+        *(_table(result, name, about) for name, about in result["trajectories"].items()),
+        f'<p class="note">{html.escape(note(result))}</p>',
+        *(picture(item.read_bytes(), _CAPTIONS[item.stem.split("_")[0]]) for item in figures),
+    ]
+    path.write_text(page(title, "\n".join(body)), encoding="utf-8")
     return path
 
 
@@ -140,14 +117,6 @@ def _table(result: Mapping[str, Any], name: str, about: Mapping[str, Any]) -> st
     for key, row in zip(result["errors"][name], rows(result, name), strict=True):
         first, *rest = (html.escape(cell) for cell in row)
         cells = f'<th scope="row">{first}</th>' + "".join(f"<td>{cell}</td>" for cell in rest)
-        body += f"<tr{' class=model' if key == 'model' else ''}>{cells}</tr>\n"
+        body += f"<tr{' class=ours' if key == 'model' else ''}>{cells}</tr>\n"
     table = f'<div class="wide"><table><tr>{head}</tr>\n{body}</table></div>'
     return f"<h2>{html.escape(name)}</h2>\n<p>{html.escape(_about(about))}</p>\n{table}"
-
-
-def _figure(path: Path) -> str:
-    data = base64.b64encode(path.read_bytes()).decode("ascii")
-    caption = html.escape(_CAPTIONS[path.stem.split("_")[0]])
-    return (
-        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}"><figcaption>{caption}</figcaption></figure>'
-    )

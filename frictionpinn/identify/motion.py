@@ -166,6 +166,8 @@ class Scales:
             found |= {name: max(found[name], WEAKEST * alone[name]) for name in shares}
             mu_c = found.get(f"{prefix}mu_c", known.get(f"{prefix}mu_c", 1.0))
             force = mu_c * load
+            if not contact.law.parameters and mass:  # no friction: what its motion needs
+                force = mass * acceleration
             stiffness = fixed.get(f"{prefix}sigma_0", force / (1e-2 * velocity**2 / acceleration))
             damping = np.sqrt(stiffness * mass) if mass else 1e-2 * stiffness * velocity / acceleration
             own = {
@@ -249,7 +251,7 @@ def _sliding_regression(
         mu, viscous = sp.symbols((f"{prefix}mu_c", f"{prefix}sigma_2"), real=True)
         force = mu * at.N * sp.sign(at.v_slip) + viscous * at.v_slip
         for par in mechanism.parameters:
-            if par.neutral is not None and par.name in free and par.name not in own:
+            if par.neutral is not None and par.name in free and par.name not in (*own, *guessed):
                 slope = sp.diff(contact.friction, par.symbol).xreplace(neutral)
                 if slope != 0 and slope.free_symbols <= told:
                     extra[par.name] = slope

@@ -167,13 +167,17 @@ class Simulator:
         """
         vector = self.parameters(p)
         wanted = self._wanted(sensitivities, directions, inputs, vector)
-        named = self.bristles if steady is True else () if steady is False else steady
-        settled = np.array([name in named for name in self.bristles], dtype=np.bool_)
-        changes = self._changes(run, inputs, self._drive.path(inputs, vector), vector, wanted, settled, contact)
+        path = self._drive.path(inputs, vector)
+        changes = self._changes(run, inputs, path, vector, wanted, self.settled(steady), contact)
         if (names := (*sensitivities, *directions)) == wanted.names:
             return changes
         order = [wanted.names.index(name) for name in names]
         return {name: columns[:, order] for name, columns in changes.items()}
+
+    def settled(self, steady: bool | Sequence[str]) -> np.ndarray:
+        """Which of the bristles began "steady": all, none, or those that are named; shape (bristles,)."""
+        named = self.bristles if steady is True else () if steady is False else steady
+        return np.array([name in named for name in self.bristles], dtype=np.bool_)
 
     def _changes(
         self,

@@ -67,13 +67,12 @@ def integrate_path(
     limits = np.full(n_s, atol * min(2.5e-3, (path.t[-1] - path.t[0]) / (n - 1)))
     limits[m : 2 * m] = atol
     taken = steps or _NO_STEPS
-    order = min(METHOD.order, METHOD.order_embedded) + 1
     status, time, states, unknowns, interval, size, stages = core.integrate(
         pointer(kernels.plain.newton),
         METHOD.a,
         METHOD.c,
         METHOD.error,
-        order,
+        METHOD.order_error,
         path.t,
         path.coefficients,
         p,

@@ -30,6 +30,11 @@ class Tableau:
         """Stage times as fractions of the step, shape (stages,)."""
         return self.a.sum(axis=1)
 
+    @property
+    def order_error(self) -> int:
+        """Power of the step size with which the error estimate of one step goes to 0."""
+        return min(self.order, self.order_embedded) + 1
+
 
 def _tableau(name: str, rows: list[list[float]], embedded: list[float], order: int, order_embedded: int) -> Tableau:
     a = np.zeros((len(rows), len(rows)))

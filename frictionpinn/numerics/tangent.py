@@ -27,11 +27,19 @@ class Tangent:
         run: a strict simulation.
         inputs: its input path.
         p: its parameters, see :meth:`Simulator.parameters`.
-        steady: whether its initial bristle state was "steady".
+        steady: whether the initial bristle states were "steady", or the names of those that were.
     """
 
-    def __init__(self, simulator: Simulator, run: Simulation, inputs: InputPath, p: Values, *, steady: bool = True):
-        self.simulator, self.run, self.inputs, self.steady = simulator, run, inputs, steady
+    def __init__(
+        self,
+        simulator: Simulator,
+        run: Simulation,
+        inputs: InputPath,
+        p: Values,
+        *,
+        steady: bool | Sequence[str] = True,
+    ):
+        self.simulator, self.run, self.inputs, self.steady = simulator, run, inputs, simulator.settled(steady)
         self.p = simulator.parameters(p)
         self.path = simulator.acting(inputs, self.p)
 
@@ -96,11 +104,11 @@ class Tangent:
     def _start(self, strengths: tuple[str, ...], columns: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Derivative of the initial state, shape (n_s, shapes * strengths): 0 but where a state starts at rest."""
         kernels, run, k = self.simulator.kernels, self.run, len(strengths)
-        start, steady = np.zeros((kernels.sizes[0], k * len(values))), np.full(len(kernels.bristles), self.steady)
-        if self.steady or kernels.settles(strengths):
+        start = np.zeros((kernels.sizes[0], k * len(values)))
+        if self.steady.any() or kernels.settles(strengths):
             none = Directions.of({}, self.inputs.coefficients.shape)
             wanted = Wanted(strengths, columns, np.full(k, -1, dtype=np.int64), none)
             u = self.path.coefficients[0, :, 0]
             for j, p in enumerate(values):
-                start[:, j * k : (j + 1) * k] = start_sensitivity(kernels, u, p, run.states[0], wanted, steady)
+                start[:, j * k : (j + 1) * k] = start_sensitivity(kernels, u, p, run.states[0], wanted, self.steady)
         return start

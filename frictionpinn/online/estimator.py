@@ -161,7 +161,7 @@ class OnlineEstimator:
         atol[m : 2 * m] = ATOL
         self._equations = core.Equations(
             pointer(self.kernels.plain.newton), pointer(self.kernels.plain.outputs), METHOD.a, METHOD.c, METHOD.error,
-            min(METHOD.order, METHOD.order_embedded) + 1, np.array(chains, dtype=np.int64).reshape(-1, 4),
+            METHOD.order_error, np.array(chains, dtype=np.int64).reshape(-1, 4),
             np.array([(place, 1) for place in places], dtype=np.int64).reshape(-1, 2), self._p,
             (m, n_s, n_w, n_u), ALONE.lines(mechanism.clocks), atol, self.kernels.places, RTOL, 1.0,
         )  # fmt: skip

@@ -13,7 +13,7 @@ from typing import Any
 import sympy as sp
 
 from ..errors import UserError, choose, nearest
-from .base import FrictionLaw
+from .base import CONTACT, FrictionLaw
 from .effect import Effect
 from .friction import CONTACT_LAWS, LAWS
 from .system import System
@@ -21,7 +21,7 @@ from .system import System
 
 def _named(item, contact: str):
     """A parameter or a state that carries the contact's name: ``hinge.mu_c``."""
-    return replace(item, name=f"{contact}.{item.name}")
+    return replace(item, name=f"{contact}.{item.name}") if contact else item
 
 
 def own_names(p: SimpleNamespace, contact: str) -> SimpleNamespace:
@@ -116,22 +116,26 @@ class LocatedEffect(Effect):
 
     Args:
         effect: as it is written for a system with one contact.
-        contact: name of the contact.
+        contact: name of the contact; empty where the system has no other.
     """
 
     def __init__(self, effect: Effect, contact: str):
         self.effect, self.contact = effect, contact
-        self.name = f"{effect.name}@{contact}"
+        self.name = self._here(effect.name)
         self.signed, self.memory, self.bends = effect.signed, effect.memory, effect.bends
         self.parameters = tuple(_named(par, contact) for par in effect.parameters)
         self.states = tuple(_named(state, contact) for state in effect.states)
+
+    def _here(self, name: str) -> str:
+        return f"{name}@{self.contact}" if self.contact else name
 
     def said(self):  # type: ignore[override]
         return self.effect.said()
 
     def applies(self, system, law, others=()):
         here = tuple(name.partition("@")[0] for name in others if name.endswith(f"@{self.contact}"))
-        return self.effect.applies(system.at(self.contact), law.at(self.contact), here)
+        applies = self.effect.applies(system.at(self.contact), law.at(self.contact), here)
+        return applies and bool(self.groups(system, law))
 
     def make_parameters(self, system, law):
         return self.parameters_on(system, law)
@@ -141,8 +145,24 @@ class LocatedEffect(Effect):
         return tuple(_named(par, self.contact) for par in own)
 
     def groups(self, system, law):
-        own = self.effect.groups(system.at(self.contact), law.at(self.contact))
-        return {key: tuple(f"{self.contact}.{name}" for name in names) for key, names in own.items()}
+        """Those that act: what changes the load does nothing where the law takes none."""
+        at, law = system.at(self.contact), law.at(self.contact)
+        acting = {symbol.name for symbol in self._terms(at, law).free_symbols}
+        own = {key: names for key, names in self.effect.groups(at, law).items() if acting & {*names}}
+        return {self._here(key) if key == self.effect.name else key: tuple(self._called(n) for n in names)
+                for key, names in own.items()}  # fmt: skip
+
+    def _called(self, name: str) -> str:
+        return f"{self.contact}.{name}" if self.contact else name
+
+    def _terms(self, at: System, law: FrictionLaw) -> sp.Tuple:
+        """Everything that law and effect say of this contact, in the effect's own names."""
+        effect, own = self.effect, (*law.parameters, *self.effect.parameters_on(at, law))
+        p = SimpleNamespace(**{par.name: par.symbol for par in own})
+        c = replace(CONTACT, N=effect.load(CONTACT.N, CONTACT, p), z=effect.deflection(CONTACT.z, p))
+        terms = [law.force(c, p), effect.force(c, p, law), *effect.state_rates(c, p)]
+        terms += [law.bristle_rate(c, p)] if law.memory else [effect.bristle_rate(c, p, law)] if effect.memory else []
+        return sp.Tuple(*terms).xreplace(effect.replace(at, law, p))
 
     def replace(self, system, law, p):
         return self.effect.replace(system.at(self.contact), law.at(self.contact), own_names(p, self.contact))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -46,6 +46,10 @@ class Sizes:
         """Orders of magnitude at the contact of a parameter of that name."""
         return self
 
+    def with_forces(self, forces: Mapping[str, float]) -> Sizes:
+        """The same with these dry friction forces, by contact."""
+        return replace(self, force=forces[""])
+
     def of(self, par: Parameter) -> float:
         """Size of a parameter, SI unit: of the values that its effect would scan, else of its unit."""
         if par.scan is not None:
@@ -80,6 +84,10 @@ class SizesByContact(Sizes):
 
     def at(self, name: str) -> Sizes:
         return self.contacts.get(name.rpartition(".")[0], self)
+
+    def with_forces(self, forces: Mapping[str, float]) -> Sizes:
+        contacts = {name: replace(own, force=forces[name]) for name, own in self.contacts.items()}
+        return replace(self, force=next(iter(forces.values())), contacts=contacts)
 
     def of(self, par: Parameter) -> float:
         here = self.at(par.name)

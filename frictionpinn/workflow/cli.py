@@ -64,7 +64,7 @@ def saved_friction(arguments: list[str]) -> list[str]:
                         allowed=f"system={name}", fix=f"say system={name}")  # fmt: skip
     rest = [a for a in arguments if a != given[0] and not a.startswith("system=")]
     own = [] if any(a.startswith("data=") for a in arguments) else _recording(data_of(path), rest)
-    return [*rest, *own, f"system={name}", f"friction={mechanism.law.name}", f"+system.augmented='{path}'"]
+    return [*rest, *own, f"system={name}", f"friction={mechanism.contacts[0].law.name}", f"+system.augmented='{path}'"]
 
 
 def _recording(data: Mapping[str, object], given: Sequence[str]) -> list[str]:

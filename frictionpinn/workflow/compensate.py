@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from ..control import Compensator, Gains, Loop, Plant, close, reference, tuned
 from ..control.build import build_compensator
 from ..control.compensator import check_axis, completed
-from ..control.page import page, picture
+from ..control.pid import loop_dead_time
 from ..control.record import recorded
 from ..control.recursions import inertia
 from ..data.recording import Recording
@@ -23,6 +23,7 @@ from ..evaluate.style import INK, readable
 from ..physics import LAWS
 from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
+from ..show import page, picture, png
 from .build import Config, build_system
 from .manifest import write_json
 from .provenance import commit, versions
@@ -108,7 +109,7 @@ def _gains(plant: Plant, declared: Mechanism, loop: Mapping[str, float]) -> Gain
     """The PID, from the declared inertia and the delay alone."""
     probe = Compensator(declared, completed(declared, {}))
     m = inertia(probe.plan.newton, probe.plan.p, probe.plan.sizes)
-    dead_time = loop["delay"] + loop["interval"] / 2 + 1e-3
+    dead_time = loop_dead_time(loop["delay"], loop["interval"])
     return tuned(m, dead_time, loop["sensitivity"], limit=plant.limit, dead=2 * plant.resolution)
 
 
@@ -175,14 +176,17 @@ def _page(result: Mapping[str, Any], runs: list[tuple[str, Loop, Loop]], plant: 
         f'<tr><th scope="row">{html.escape(name)}</th><td>{value:.4g}</td></tr>\n'
         for name, value in result["parameters"].items()
     )
-    values = f'<table><tr><th scope="col">parameter (SI)</th><th scope="col">identified</th></tr>\n{known}</table>'
+    values = (
+        '<div class="wide"><table><tr><th scope="col">parameter (SI)</th><th scope="col">identified</th></tr>\n'
+        f"{known}</table></div>"
+    )
     told = (
         f"<p>Diagnosis of the recording with the PID alone: {html.escape(result['verdict'])}; compensated with "
         f"{html.escape(result['mechanism'])}. Rms tracking error, the first third of each motion left out.</p>"
     )
     name, before, after = max(runs, key=lambda run: _rms(run[1]))
     caption = f"{name}: tracking error, and the torque that was added beside the true friction."
-    drawn = picture(_figure(before, after, unit, plant.mechanism.system.force_unit), caption)
+    drawn = picture(png(_figure(before, after, unit, plant.mechanism.system.force_unit)), caption)
     return page("Friction compensation, before and after", told + table + drawn + f"<h2>Parameters</h2>{values}")
 
 

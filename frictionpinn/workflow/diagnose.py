@@ -22,7 +22,16 @@ from ..errors import UserError, choose
 from ..identify.result import plain
 from ..physics.effects import EFFECTS
 from ..physics.mechanism import Mechanism
-from .build import Config, build_friction, build_noise, build_recording, build_system, check_pairing, seed_of
+from .build import (
+    Config,
+    build_friction,
+    build_noise,
+    build_recording,
+    build_system,
+    check_pairing,
+    law_table,
+    seed_of,
+)
 from .configs import called
 from .manifest import write_json
 from .provenance import commit, versions
@@ -67,14 +76,13 @@ def examine(cfg: Config, mechanism: Mechanism, recording: Recording) -> Diagnosi
         UserError: anything that the user can mend.
     """
     options = checked(cfg)
-    _ = mechanism.only  # a diagnosis is of one contact
     recording = chosen_signals(recording, options["signals"])
     fitted, held_out = split(recording, cfg["data"])
     log.info(f"diagnosing {mechanism.name} on {recording.source}: fitted to {', '.join(fitted.names)}; held out: "
              f"{', '.join(held_out.names) or 'none'}")  # fmt: skip
     settings = Settings(float(options["log10_p"]), int(options["most"]), worth=float(options["worth"]))
     wanted = {key: options[key] for key in ("inputs", "initial", "windows", "free", "loss")}
-    friction = {key: _given(cfg["friction"].get(key)) for key in ("start", "bounds", "fixed")}
+    friction = {key: law_table(cfg["friction"], key, mechanism.law) for key in ("start", "bounds", "fixed")}
     effects = None if options["effects"] == "all" else options["effects"]
     d = run_diagnosis(
         mechanism, fitted, held_out, effects=effects, settings=settings, start=friction["start"] or None,
@@ -125,6 +133,8 @@ def report(d: Diagnosis, cfg: Config, folder: Path) -> dict[str, Any]:
 
 def next_step(d: Diagnosis, folder: Path) -> str:
     """What the verdict suggests to do."""
+    if d.verdict in (FOUND, PARTLY) and len(d.bench.mechanism.contacts) > 1:
+        return "load_augmented takes augmented.yaml to simulate with; networks learn the friction of one contact so far"
     if d.verdict in (FOUND, PARTLY):
         model = "pe2" if d.bench.mechanism.law.memory else "bb1"
         path = os.path.relpath(folder / "augmented.yaml")
@@ -201,7 +211,8 @@ def separate(name: str, others: list[str]) -> str:
     """The experiments that show an effect and those that it is not told apart from."""
     if not others:
         return ""
-    told = {n: EFFECTS[n].said().get("experiment", "") for n in dict.fromkeys((name, *others)) if n in EFFECTS}
+    kinds = dict.fromkeys(n.partition("@")[0] for n in (name, *others))
+    told = {n: EFFECTS[n].said().get("experiment", "") for n in kinds if n in EFFECTS}
     return "; ".join(f"{n}: {text.rstrip('.')}" for n, text in told.items() if text) + "."
 
 
@@ -240,10 +251,6 @@ def chosen_signals(recording: Recording, names: list[str] | None) -> Recording:
     return replace(recording, trials=tuple(trials))
 
 
-def _given(table: Any) -> dict[str, Any]:
-    return {key: value for key, value in (table or {}).items() if value is not None}
-
-
 def checked(cfg: Config) -> dict[str, Any]:
     """The section ``diagnose``, its names and numbers checked."""
     options = dict(cfg["diagnose"])
@@ -258,7 +265,7 @@ def checked(cfg: Config) -> dict[str, Any]:
             raise UserError("not a list of effects", where=f"diagnose.{key}", received=repr(names),
                             allowed=("all, " if key == "effects" else "") + "a list such as [drag, delay]")  # fmt: skip
         for name in names:
-            choose(name, EFFECTS, f"diagnose.{key}")
+            choose(name.partition("@")[0], EFFECTS, f"diagnose.{key}")
     if not isinstance(options["log10_p"], int | float) or not -300 < options["log10_p"] < 0:
         raise UserError("impossible threshold", where="diagnose.log10_p", received=options["log10_p"],
                         allowed="a negative number, -2 for 1 %")  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from frictionpinn.control import Compensator, Gains, Plant, tuned
+from frictionpinn.control.pid import loop_dead_time
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
@@ -21,7 +22,7 @@ def plant(*effects: str, **values: float) -> Plant:
 
 
 def gains() -> Gains:
-    return tuned(1.0, DELAY + 1.5e-3, limit=LIMIT, dead=2 * RESOLUTION)
+    return tuned(1.0, loop_dead_time(DELAY, 1e-3), limit=LIMIT, dead=2 * RESOLUTION)
 
 
 def estimator(parameters: dict[str, float] | None = None, **options: object) -> Compensator:

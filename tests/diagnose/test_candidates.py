@@ -20,7 +20,7 @@ ONE = dict.fromkeys(SCALES, (0.0, 1.0))
 def test_every_strength_of_every_effect_is_tried_once(name, law):
     system, friction = SYSTEMS[name](), LAWS[law]()
     effects = effects_for(system, friction)
-    made = candidates(effects, system, friction, ONE)
+    made = candidates(effects, system, friction, {"": ONE} | {contact.name: ONE for contact in system.contacts})
     strengths = [n for c in made for n in c.strengths]
     assert len(strengths) == len(set(strengths))
     known = {par.name for e in effects for par in e.parameters_on(system, friction) if not par.hidden}
@@ -33,7 +33,7 @@ def test_named_effects_alone_are_tried():
     assert [e.name for e in effects_for(system, friction, ["drag", "ripple"])] == ["ripple", "drag"]
 
 
-@pytest.mark.parametrize("name", [name for name, kind in SYSTEMS.items() if not kind.contacts])
+@pytest.mark.parametrize("name", SYSTEMS)
 def test_remainders_at_neutral_leave_the_equations_as_they_are(name):
     system, law = SYSTEMS[name](), LAWS["lugre"]()
     made = remainders(system)

@@ -30,7 +30,7 @@ def judged(d, **options):
     probes = [e for e in d.bench.probe.mechanism.effects if isinstance(e, Remainder)]
     covered = ranges(system, probes, runs)
     where = {k: v for r in probes for k, v in places(r, covered[r.variable]).items()}
-    forces = np.concatenate([run.F for run in runs])
+    forces = {r.variable: d.bench.forces(r.contact) for r in probes}
     return judge(d.bench, d.selection, probes, where, covered, forces, Settings(**options))
 
 
@@ -74,7 +74,7 @@ def test_the_size_of_a_remainder_is_its_share_of_the_friction_force_without_what
     where = {"position_from": 0.0, "position_step": 1.0 / (BUMPS - 1)}
     bumps = Remainder("position", CONTACT.s).bumps(x, where)
     c, none = 0.3 * np.ones(BUMPS), np.zeros((BUMPS, BUMPS))
-    force, friction = (Remaining("position", kind, -9.0, c, none) for kind in ("force", "friction"))
+    force, friction = (Remaining("position", kind, -9.0, c, none, ()) for kind in ("force", "friction"))
     assert size(friction, bumps, forces) == pytest.approx(3.0 * size(force, bumps, forces), rel=1e-6)
     assert 0.1 < size(force, bumps, forces) < 0.2
     loose = replace(force, errors=np.diag(c**2) * 100)

@@ -1,14 +1,19 @@
 """The Cramer-Rao bound, and the experiment that it recommends."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cases import case
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.recording import Recording
-from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.data.simulated import simulate_recording, simulate_trials
 from frictionpinn.errors import UserError
 from frictionpinn.identify import bound, maximum_likelihood, rank_experiments
+from frictionpinn.physics import SYSTEMS
+from frictionpinn.physics.contacts import law_named
+from frictionpinn.physics.mechanism import Mechanism
 
 ALL = (0, 1, 2, 3, 4, 5)
 
@@ -75,6 +80,23 @@ def test_an_impossible_experiment_comes_last_with_its_reason():
     ranked = rank_experiments(mechanism, truth, candidates, rate_hz=200.0, sigmas=levels)
     assert "contact lost" in ranked[1].failure
     assert ranked[0].failure == ""
+
+
+def test_two_contacts_that_a_stiff_coupling_holds_together_move_together_and_an_experiment_tells_them_apart():
+    law = law_named({"motor": "coulomb_viscous", "load": "coulomb_viscous"}, "friction")
+    mechanism = Mechanism(SYSTEMS["two_mass"](k=2e3), law)
+    truth = {"motor.mu_c": 0.1, "motor.sigma_2": 0.01, "load.mu_c": 0.3, "load.sigma_2": 0.02}
+    levels = {"theta_m": 5e-3, "theta_l": 5e-3, "tau": 1e-3}
+    slow = {"duration": 1.5, "tau": "0.8*sin(4*t)"}
+    clean = simulate_trials(mechanism, mechanism.system.values | truth, [slow], 200.0)
+    positions = [replace(t, signals={n: t.signals[n] for n in levels}) for t in clean.trials]
+    present = Recording(tuple(positions), clean.units)
+    found = bound(mechanism, present, truth, sigmas=levels)
+    assert found.names == tuple(truth) and set(found.figures()) == {"parameters"}
+    assert any(text.startswith("motor.mu_c and load.mu_c move together") for text in found.advice)
+    shaken = {"duration": 1.5, "tau": "4*sin(60*t)"}
+    ranked = rank_experiments(mechanism, truth, [slow, shaken], rate_hz=400.0, sigmas=levels, target="load.mu_c")
+    assert len(ranked) == 2 and ranked[0].relative["load.mu_c"] < ranked[1].relative["load.mu_c"]
 
 
 def test_an_unknown_target_is_refused():

@@ -7,6 +7,7 @@ from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.numerics.tangent import Tangent
 from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.contacts import law_named
 from frictionpinn.physics.mechanism import Mechanism
 
 LUGRE = {"sigma_0": 1e5, "sigma_1": 300.0, "sigma_2": 0.4, "mu_c": 0.25, "mu_s": 0.4, "v_s": 0.01}
@@ -42,6 +43,23 @@ def test_shapes_at_once_as_one_after_another(steady):
             for name, values in alone.items():
                 own = found[name][:, j * k : (j + 1) * k]
                 assert np.abs(own - values).max() <= 1e-9 * max(np.abs(values).max(), 1e-12), (name, shape)
+
+
+def test_shapes_of_an_effect_at_one_of_two_contacts():
+    law = law_named({"motor": "dahl", "load": "coulomb_viscous"}, "friction")
+    mechanism = Mechanism(SYSTEMS["two_mass"](), law, ("low_speed@load",))
+    p = {"motor.sigma_0": 50.0, "motor.mu_c": 0.1, "load.mu_c": 0.3, "load.sigma_2": 0.02}
+    t, simulator = np.linspace(0.0, 0.3, 31), Simulator(mechanism)
+    path = InputPath.from_signals(mechanism, t, {"tau": 1.2 * np.sin(12 * t)})
+    start = {"motor.z": 1e-4}
+    run = simulator.simulate(t, path, p, start, z0="steady", strict=True)
+    shapes = [{"load.low_speed_scale": s} for s in (0.2, 2.0)]
+    found = Tangent(simulator, run, path, p, steady=()).respond(["load.low_speed"], shapes)
+    for j, shape in enumerate(shapes):
+        alone = simulator.differentiate(run, path, p | shape, ["load.low_speed"], steady=())
+        assert set(found) == set(alone) and np.abs(alone["omega_l"]).max() > 1e-4
+        for name, values in alone.items():
+            assert np.abs(found[name][:, [j]] - values).max() <= 1e-9 * max(np.abs(values).max(), 1e-12), (name, shape)
 
 
 def test_what_acts_in_a_sensor_or_by_a_delay_is_not_answered():

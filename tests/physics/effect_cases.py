@@ -11,8 +11,9 @@ from short_paths import ALL, LAW_VALUES, PATHS, T
 
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulate import Simulator
-from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
+from frictionpinn.physics import EFFECTS, SYSTEMS
 from frictionpinn.physics.effects import applicable
+from frictionpinn.physics.friction import CONTACT_LAWS
 from frictionpinn.physics.mechanism import Mechanism
 
 every_effect = pytest.mark.parametrize("name", EFFECTS)
@@ -21,12 +22,12 @@ every_pair = pytest.mark.parametrize(("system", "law"), ALL)
 
 def beside(law: str) -> tuple[str, ...]:
     """What a gap needs beside it where the law has no bristle."""
-    return () if LAWS[law].memory else ("presliding",)
+    return () if CONTACT_LAWS[law].memory else ("presliding",)
 
 
 @functools.cache
 def plain(system: str, law: str) -> Mechanism:
-    return Mechanism(SYSTEMS[system](), LAWS[law]())
+    return Mechanism(SYSTEMS[system](), CONTACT_LAWS[law]())
 
 
 @functools.cache
@@ -48,7 +49,9 @@ def alone(name: str, system: str, law: str) -> Mechanism | None:
 
 
 def cases(name: str) -> list[tuple[str, str]]:
-    return [pair for pair in ALL if alone(name, *pair) is not None]
+    """Systems and laws with which it can act; those without friction where it can act beside no law."""
+    acting = [pair for pair in ALL if alone(name, *pair) is not None]
+    return acting or [(system, "none") for system in dict(ALL) if alone(name, system, "none") is not None]
 
 
 def strengths(mechanism: Mechanism, name: str) -> list[str]:
@@ -76,7 +79,7 @@ def random_values(mechanism: Mechanism, seed: int) -> dict[str, float]:
     values |= {"age": rng.uniform(0, 1e-4), "age_dot": rng.uniform(-1, 1)}
     for par in mechanism.parameters:
         own = system.values.get(par.name, LAW_VALUES.get(par.name, par.value))
-        values[par.name] = own if par.neutral is not None else own * rng.uniform(0.8, 1.2)
+        values[par.name] = par.value if par.neutral is not None else own * rng.uniform(0.8, 1.2)
     return values
 
 
@@ -90,4 +93,4 @@ def path(mechanism: Mechanism, t: np.ndarray = T) -> InputPath:
 
 
 def law_values(law: str) -> dict[str, float]:
-    return {par.name: LAW_VALUES[par.name] for par in LAWS[law].parameters}
+    return {par.name: LAW_VALUES[par.name] for par in CONTACT_LAWS[law].parameters}

@@ -29,7 +29,7 @@ from frictionpinn.physics.scan import SCALES, Scan, data_scales
 
 
 def test_the_effects_are_those_that_reports_may_name():
-    assert len(EFFECTS) == 27
+    assert len(EFFECTS) == 28
     assert all(kind.name == name and issubclass(kind, Effect) for name, kind in EFFECTS.items())
 
 

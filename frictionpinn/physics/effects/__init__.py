@@ -22,6 +22,7 @@ from .delay import Delay
 from .drag import Drag
 from .drift import Drift
 from .dwell import Dwell
+from .friction import UndeclaredFriction
 from .gain_error import GainError
 from .inertia import Inertia
 from .load_exponent import LoadExponent
@@ -56,6 +57,7 @@ EFFECTS: dict[str, type[Effect]] = {
         Dwell,
         Presliding,
         Backlash,
+        UndeclaredFriction,
         ConstantForce,
         SpringForce,
         Drag,

@@ -4,7 +4,7 @@ from ..effect import Effect, strength
 
 
 class Viscous(Effect):
-    """F = F_law + viscous v; for laws without sigma_2.
+    """F = F_law + viscous v; for laws without sigma_2 (where there is none, see friction).
 
     Units: viscous in force per slip velocity.
     Neutral: viscous = 0.
@@ -16,7 +16,7 @@ class Viscous(Effect):
     parameters = (strength("viscous", "{F}*s/{L}", "viscous friction", 0.0),)
 
     def applies(self, system, law, others=()):
-        return not any(par.name == "sigma_2" for par in law.parameters)
+        return bool(law.parameters) and not any(par.name == "sigma_2" for par in law.parameters)
 
     def force(self, c, p, law):
         return p.viscous * c.v

@@ -1,0 +1,190 @@
+"""Blind recordings of mechanisms with two contacts: what a diagnosis finds, and at which of them.
+
+    python benchmarks/blind_contacts.py [--kinds effects undeclared clean] [--repeats 20] [--from-seed 1000]
+    python benchmarks/blind_contacts.py --report       # of the recordings that were diagnosed so far
+
+Trials of a system's own file, the last held out, 5 % noise on every signal, 100 Hz.
+
+    effects     pob_hinge, cartpole and two_mass in turn, LuGre at both contacts, and one effect at one of them that
+                makes 5 to 10 % of the friction there (root mean square)
+    undeclared  pob_hinge, whose hinge is declared without friction; it has some, Coulomb or viscous by turns, of 3 to
+                10 % of the torque
+    clean       the same with nothing in the hinge
+
+The diagnosis sees the recording and the declared laws, nothing else. It was developed on seeds below 1000. Each answer
+is kept in benchmarks/results/blind_contacts.json as it comes and not asked for again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import sympy as sp
+from omegaconf import OmegaConf
+
+from frictionpinn.data.noise import GaussianNoise
+from frictionpinn.data.recording import Recording
+from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.diagnose.diagnosis import diagnose
+from frictionpinn.physics import SYSTEMS
+from frictionpinn.physics.base import CONTACT
+from frictionpinn.physics.contacts import by_parameter, law_named
+from frictionpinn.physics.mechanism import Mechanism
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS, NOISE, RATE = ROOT / "benchmarks" / "results", 0.05, 100.0
+PLACES = (("pob_hinge", "box"), ("pob_hinge", "hinge"), ("cartpole", "rail"), ("cartpole", "bearing"),
+          ("two_mass", "motor"), ("two_mass", "load"))  # fmt: skip
+# Effect -> the strength that carries its size; whether either sign occurs.
+STRENGTHS = {"asymmetry": ("asymmetry", True), "constant_force": ("constant_force", True), "drag": ("drag", False),
+             "asymmetric_viscous": ("asymmetric_viscous", True)}  # fmt: skip
+SHARES = {"effects": (0.05, 0.10), "undeclared": (0.03, 0.10)}
+
+
+@cache
+def bed(name: str, frictionless: str = "") -> tuple[Mechanism, dict[str, float], Recording]:
+    """Mechanism as declared, true parameters and the recording without noise and without any effect."""
+    declared = OmegaConf.to_container(OmegaConf.load(ROOT / "conf" / "system" / f"{name}.yaml"), resolve=True)
+    system, made = SYSTEMS[name](**declared["parameters"]), declared["simulate"]
+    laws = made["friction"] | ({frictionless: "none"} if frictionless else {})
+    mechanism = Mechanism(system, law_named(laws, "friction"))
+    known = {par.name for par in mechanism.law.parameters}
+    truth = {key: value for key, value in by_parameter(made["truth"], mechanism.law).items() if key in known}
+    return mechanism, truth, simulate_recording(system, laws, truth, made["trials"], RATE)
+
+
+def size(mechanism: Mechanism, truth: dict[str, float], clean: Recording, strength: str) -> float:
+    """Root mean square of the force that an effect, the mechanism's last, makes at its contact along the undisturbed
+    motion where its strength is 1."""
+    effect = mechanism.effects[-1]
+    (at,) = (contact for contact in mechanism.contacts if contact.name == effect.contact)
+    made, prefix = sp.Symbol("made", real=True), f"{at.name}."
+    share = effect.load(CONTACT.N, CONTACT, mechanism.p) / CONTACT.N - 1
+    change = at.in_motion(share * made + effect.force(CONTACT, mechanism.p, mechanism.law))
+    numbers = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values | truth | {strength: 1.0}
+    change = change.xreplace({par.symbol: sp.Float(numbers[par.name]) for par in mechanism.parameters})
+    known = {s: n for c in mechanism.system.moving for s, n in zip(c.symbols, c.signals, strict=True)}
+    squares = []
+    for trial in clean.trials:
+        values = {s: trial.signals[n] for s, n in known.items()} | {made: trial.truth[f"{prefix}friction_force"]}
+        symbols = sorted(change.free_symbols, key=str)
+        force = sp.lambdify(symbols, change, "numpy")(*(values[s] for s in symbols))
+        squares.append(np.broadcast_to(force, trial.t.shape) ** 2)
+    return float(np.sqrt(np.mean(np.concatenate(squares))))
+
+
+def rms(rows: list[np.ndarray]) -> float:
+    """Root mean square over all trials."""
+    return float(np.sqrt(np.mean(np.concatenate(rows) ** 2)))
+
+
+def draw(kind: str, seed: int) -> tuple[Mechanism, Recording, str, dict[str, float]]:
+    """The declared mechanism, the recording, the effect that acts in it and its strengths."""
+    rng = np.random.default_rng([seed, sum(map(ord, kind))])
+    if kind == "effects":
+        name, contact = PLACES[seed % len(PLACES)]
+        effect = list(STRENGTHS)[seed // len(PLACES) % len(STRENGTHS)]
+        (plain, signed), (declared, truth, clean) = STRENGTHS[effect], bed(name)
+        against = rms([trial.truth[f"{contact}.friction_force"] for trial in clean.trials])
+    else:
+        name, contact, effect = "pob_hinge", "hinge", "friction" if kind == "undeclared" else ""
+        plain, signed, (declared, truth, clean) = ("mu_c", "sigma_2")[seed % 2], False, bed(name, "hinge")
+        against = rms([trial.signals["tau"] for trial in clean.trials if "tau" in trial.signals])
+    if not effect:
+        return declared, GaussianNoise(NOISE)(clean, seed), "", {}
+    located, strength = f"{effect}@{contact}", f"{contact}.{plain}"
+    mechanism = Mechanism(declared.system, declared.law, (located,))
+    share = rng.uniform(*SHARES[kind]) * (rng.choice([-1, 1]) if signed else 1)
+    values = {strength: float(share * against / size(mechanism, truth, clean, strength))}
+    trials = OmegaConf.to_container(OmegaConf.load(ROOT / "conf" / "system" / f"{name}.yaml"))["simulate"]["trials"]
+    laws = {at.name: at.law.name for at in declared.contacts}
+    made = simulate_recording(declared.system, laws, truth | values, trials, RATE, [located])
+    return declared, GaussianNoise(NOISE)(made, seed), located, values
+
+
+def run(kind: str, seed: int) -> dict:
+    """One recording and what the diagnosis says of it."""
+    mechanism, recording, effect, values = draw(kind, seed)
+    names, began = recording.names, time.perf_counter()
+    case = {"kind": kind, "seed": seed, "system": mechanism.system.name, "effect": effect, "values": values}
+    try:
+        d = diagnose(mechanism, recording.select(names[:-1]), recording.select(names[-1:]))
+    except Exception as error:
+        return case | {"failed": f"{type(error).__name__}: {error}", "seconds": time.perf_counter() - began}
+    rest = d.unexplained
+    return case | {
+        "verdict": d.verdict,
+        "effects": [a.candidate.effect for a in d.accepted],
+        "groups": [a.candidate.group for a in d.accepted],
+        "alike": [[c.effect for c, _ in a.alike] for a in d.accepted],
+        "found": {n: [d.values[n], *d.ci95[n]] for a in d.accepted for n in a.candidate.strengths},
+        "depends_on": list(rest.depends_on[:3]) if rest else [],
+        "first": [[t.candidate.name, t.log_p] for t in d.selection.first.tested[:5]],
+        "seconds": time.perf_counter() - began,
+    }
+
+
+def right(case: dict) -> bool:
+    """Whether the first effect, at its contact, is the one that acts; of a clean recording, that nothing is missing."""
+    if "failed" in case:
+        return False
+    return case["effects"][:1] == [case["effect"]] if case["effect"] else case["verdict"] == "nothing missing"
+
+
+def report(cases: list[dict]) -> str:
+    """The table of all kinds."""
+    lines = ["python benchmarks/blind_contacts.py: two contacts, 5 % noise on every signal, 100 Hz; seeds from 1000 on",
+             f"{'':12s} {'right':>7s} {'no other':>9s} {'inside 95 %':>12s} {'median s':>9s}  wrong"]  # fmt: skip
+    for kind in ("effects", "undeclared", "clean"):
+        own = [c for c in cases if c["kind"] == kind and c["seed"] >= 1000]
+        good = [c for c in own if right(c)]
+        alone = sum(len(c["effects"]) <= 1 for c in good)
+        inside = [low <= c["values"][n] <= high for c in good for n, (_, low, high) in c["found"].items()
+                  if n in c["values"]]  # fmt: skip
+        wrong = "; ".join(f"{c['seed']} {c['system']} {c['effect'] or 'nothing'} -> {_answer(c)}"
+                          for c in own if not right(c))  # fmt: skip
+        seconds = f"{np.median([c['seconds'] for c in own]):.0f}" if own else ""
+        lines.append(f"{kind:12s} {f'{len(good)}/{len(own)}':>7s} {alone:9d} {f'{sum(inside)}/{len(inside)}':>12s} "
+                     f"{seconds:>9s}  {wrong}")  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def _answer(case: dict) -> str:
+    return case.get("failed") or " and ".join([case["verdict"], *case["effects"], *case["depends_on"][:1]])
+
+
+def asked(kinds: list[str], seeds: range) -> Iterator[tuple[str, int]]:
+    """Kinds and seeds, every kind once, then again."""
+    yield from ((kind, seed) for seed in seeds for kind in kinds)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kinds", nargs="+", default=["effects", "undeclared", "clean"])
+    parser.add_argument("--repeats", type=int, default=20)
+    parser.add_argument("--from-seed", type=int, default=1000)
+    parser.add_argument("--report", action="store_true")
+    args = parser.parse_args()
+    path = RESULTS / "blind_contacts.json"
+    done = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
+    seen = {(case["kind"], case["seed"]) for case in done}
+    for kind, seed in asked(args.kinds, range(args.from_seed, args.from_seed + (0 if args.report else args.repeats))):
+        if (kind, seed) not in seen:
+            case = run(kind, seed)
+            done.append(case)
+            path.write_text(json.dumps(done, indent=1) + "\n", encoding="utf-8")
+            print(kind, seed, case["system"], case["effect"] or "nothing", "right" if right(case) else "WRONG",
+                  _answer(case), f"{case['seconds']:.0f} s", flush=True)  # fmt: skip
+    text = report(done)
+    (RESULTS / "blind_contacts.txt").write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
