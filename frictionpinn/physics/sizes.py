@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .base import Parameter
+from .base import Parameter, contact_of
 from .scan import Scan
 
 FACTOR = re.compile(r"([*/]?)(\{?[A-Za-z]+\}?|1)(?:\^(\d+))?")  # of a unit
@@ -79,7 +79,7 @@ class SizesByContact(Sizes):
     contacts: Mapping[str, Sizes] = field(default_factory=dict)
 
     def at(self, name: str) -> Sizes:
-        return self.contacts.get(name.rpartition(".")[0], self)
+        return self.contacts.get(contact_of(name), self)
 
     def of(self, par: Parameter) -> float:
         here = self.at(par.name)
