@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 from ..errors import UserError, choose
 from ..physics import EFFECTS, LAWS, SYSTEMS, Effect, FrictionLaw, System, extensions
+from ..physics.contacts import law_named
 from ..physics.effects import applicable
-from ..physics.friction import CONTACT_LAWS
 from ..physics.mechanism import Mechanism
 from ..show import Table, readable_unit
 
@@ -123,17 +122,7 @@ def mechanism(
         'cartpole+lugre@rail+none@bearing'
     """
     made = made_system(system, "system")
-    if isinstance(friction, Mapping):
-        laws = {name: _law(item, CONTACT_LAWS, f"friction.{name}") for name, item in friction.items()}
-        return Mechanism(made, laws, tuple(effects))  # type: ignore[arg-type]
-    return Mechanism(made, _law(friction, LAWS, "friction"), tuple(effects))  # type: ignore[arg-type]
-
-
-def _law(given: object, known: dict[str, Any], where: str) -> FrictionLaw:
-    law = choose(given, known, where)() if isinstance(given, str) else given
-    if not isinstance(law, FrictionLaw):
-        raise UserError("not a FrictionLaw", where=where, received=repr(law), allowed="a name, or an object")
-    return law
+    return Mechanism(made, law_named(friction, "friction"), tuple(effects))  # type: ignore[arg-type]
 
 
 def _first_sentence(kind: type) -> str:

@@ -13,6 +13,7 @@ from ..numerics.paths import InputPath
 from ..numerics.session import Session
 from ..numerics.simulate import Simulator
 from ..physics import System
+from ..physics.base import at_contact
 from ..physics.contacts import by_parameter, law_named
 from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
@@ -155,9 +156,9 @@ def _trial(
     signals = {name: values for name, values in run.signals.items() if name not in unused}
     truth_signals: dict[str, np.ndarray] = {}
     for contact in run.contacts:
-        at, prefix = run.at(contact), f"{contact}." if contact else ""
+        at = run.at(contact)
         values = {"friction_force": at.F, "normal_force": at.N, "v_slip": at.v_slip, "z": at.z, "z_rate": at.zdot}
-        truth_signals |= {f"{prefix}{name}": value for name, value in values.items()}
+        truth_signals |= {at_contact(contact, name): value for name, value in values.items()}
     if mechanism.system.massless and not mechanism.effects:  # the measured force of a test bench is the friction force
         signals[inputs[0]] = run.F
     return Trial(str(spec.get("name", k + 1)), t, signals, truth_signals, start, k + 1)

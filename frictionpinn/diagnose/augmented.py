@@ -71,7 +71,7 @@ def load_augmented(path: str | Path) -> tuple[Mechanism, dict[str, float]]:
         system = kind(equations=given["equations"], imposed=given["imposed"], **given["parameters"])
         networks = {r.name: r for r in remainders(system)}
         acting = tuple(networks.get(name, name) for name in effects)
-        mechanism = Mechanism(system, law_named(content.get("contacts") or content["name"], "friction"), acting)
+        mechanism = Mechanism(system, law_named(content.get("contacts") or content["name"], "friction"), acting)  # type: ignore[arg-type]
         values = dict(content["values"]) | {k: v for table in effects.values() for k, v in table.items()}
     except (KeyError, TypeError, AttributeError, yaml.YAMLError) as error:
         raise UserError("not a friction model", where="friction", received=str(path),

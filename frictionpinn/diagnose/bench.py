@@ -19,6 +19,7 @@ from ..identify.start import ROUGH, windows_of
 from ..identify.trial import TrialModel
 from ..numerics.parallel import in_parallel
 from ..numerics.simulate import ContactLost, Simulation, SimulationFailed, Simulator, Values
+from ..physics.base import plain_name
 from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
 from ..physics.sizes import Sizes
@@ -26,11 +27,6 @@ from .fit import Fit, fit_declared
 
 LONGEST = 500.0  # times the steps that simulate all trials once: a budget, beyond which a refit is given up
 BACK = 0.1  # of its start value: from where dry friction that vanished beside something missing is estimated anew
-
-
-def _called(plain: str, names: Iterable[str]) -> list[str]:
-    """The parameters of any contact that have this name."""
-    return [name for name in names if name.rpartition(".")[2] == plain]
 
 
 class Part(Simulator):
@@ -173,9 +169,9 @@ class Bench:
         limits: Mapping[str, tuple[float, float]] | None = None,
     ) -> Problem:
         """The problem with these parameters free, the others held at their values."""
-        wider: dict[str, tuple[float, float]] = {}
-        for name in _called("sigma_2", problem.names):  # it absorbs much of what is missing: it must be free to go
-            wider[name] = (0.0, problem.space.bounds[name][1])
+        # Viscous friction absorbs much of what is missing: it must be free to go.
+        viscous = [name for name in problem.names if plain_name(name) == "sigma_2"]
+        wider = {name: (0.0, problem.space.bounds[name][1]) for name in viscous}
         trials = self.equipped(problem.trials, simulator)
         return problem.varied(names=names, values=values, simulator=simulator, limits=wider | dict(limits or {}),
                               sizes=self.sizes, trials=trials)  # fmt: skip
@@ -207,8 +203,9 @@ class Bench:
             imitating: that what ``fit`` simulates had been measured, without noise: a start near its minimum.
         """
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
-        for name in _called("mu_c", {*names} & {*self.problem.names}):
-            values[name] = max(values[name], BACK * self.problem.start[name])
+        for name in {*names} & {*self.problem.names}:
+            if plain_name(name) == "mu_c":
+                values[name] = max(values[name], BACK * self.problem.start[name])
         probing = fit.models[0].simulator is self.probe
         simulator = self.probe if probing else self.part(names, values)
         models = tuple(replace(model, simulator=simulator) for model in fit.models)

@@ -14,7 +14,7 @@ import numpy as np
 import sympy as sp
 
 from ..numerics.simulate import Simulation
-from ..physics.base import CONTACT, FrictionLaw
+from ..physics.base import CONTACT, FrictionLaw, at_contact, contact_of
 from ..physics.contacts import LocatedEffect
 from ..physics.effect import Effect, applied, hidden, load_varies, strength
 from ..physics.effects import applicable
@@ -86,7 +86,7 @@ def candidates(
         table = {par.name: par for par in effect.parameters_on(system, law)}
         for group, strengths in effect.groups(system, law).items():
             shapes = [par for par in table.values() if par.hidden and par.scan and par.group in ("", group)]
-            own = covered[next(iter(table)).rpartition(".")[0]]
+            own = covered[contact_of(next(iter(table)))]
             axes = [[(par.name, float(v)) for v in par.scan.values(own)] for par in shapes if par.scan]
             grid = tuple(dict(point) for point in itertools.product(*axes))
             free = tuple(par.name for par in shapes if par.scan and par.scan.count > 1)
@@ -139,7 +139,7 @@ class Remainder(LocatedEffect):
         plain = Bumps(variable, symbol)
         super().__init__(plain, contact)
         self.variable, self.symbol = self._here(variable), symbol
-        self.place = tuple(map(self._called, plain.place))
+        self.place = tuple(at_contact(contact, name) for name in plain.place)
 
     def bumps(self, x: np.ndarray, places: Mapping[str, float]) -> np.ndarray:
         """b_k at samples x of the variable, shape (n,) -> (n, BUMPS)."""

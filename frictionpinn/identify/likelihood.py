@@ -28,6 +28,7 @@ from ..errors import UserError
 from ..numerics.parallel import in_parallel
 from ..numerics.simulate import ContactLost, SimulationFailed
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
+from ..physics.base import plain_name
 from ..physics.mechanism import Mechanism
 from .problem import Problem
 from .result import Estimate, Minimum
@@ -141,7 +142,7 @@ def minima_around(
     errors = vectors / np.sqrt(np.maximum(values, 1.0))  # what is hardly told is moved by a factor e
     directions = np.random.default_rng(0).standard_normal((len(KICKS), len(values)))
     steps = [(kick * errors @ z, widths[-1:]) for kick, z in zip(KICKS, directions, strict=True)]
-    for at in np.eye(len(values))[[name.rpartition(".")[2] == "sigma_0" for name in problem.names]]:
+    for at in np.eye(len(values))[[plain_name(name) == "sigma_0" for name in problem.names]]:
         steps += [(np.log(factor) * at, widths[-2:]) for factor in STIFFNESSES]
     begun = [(replace(found.state, u=np.clip(found.state.u + step, low, high)), own) for step, own in steps]
     begun += [(state, widths[-1:]) for state in beginnings(problem, found.state)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import sympy as sp
@@ -15,6 +16,8 @@ from ..data.findings import SLIDING
 from ..numerics.motion_function import motion_function
 from ..numerics.smoothing import Coordinate
 from ..numerics.spline_basis import smooth_together
+from ..physics.base import CONTACT, V_T, at_contact, plain_name
+from ..physics.friction import CoulombViscous
 from ..physics.mechanism import Mechanism
 from ..physics.scan import DECADES, data_scales
 from ..physics.sizes import Sizes, SizesByContact
@@ -152,29 +155,30 @@ class Scales:
         rough, alone = dict[str, float](), dict[str, float]()
         masses, sizes = dict[str, float | None](), dict[str, Sizes]()
         for contact in mechanism.contacts:
-            at, prefix = [motion.at(contact.name) for motion in motions], f"{contact.name}." if contact.name else ""
+            at = [motion.at(contact.name) for motion in motions]
+            mu, viscous, bristle = (at_contact(contact.name, name) for name in ("mu_c", "sigma_2", "sigma_0"))
             mass = masses[contact.name] = _effective_mass(mechanism, contact.system, motions, known)
             slips = [motion.v_slip for motion in at]
             velocity = float(np.sqrt(np.mean(np.concatenate(slips) ** 2))) or 1.0
             rates = np.concatenate([np.gradient(motion.v_slip, motion.model.t) for motion in at])
             acceleration = float(np.sqrt(np.mean(rates**2))) or 1.0
             load = max(float(np.mean([np.mean(np.abs(motion.normal)) for motion in at])), 1e-12)
-            units = {f"{prefix}mu_c": load, f"{prefix}sigma_2": velocity}
+            units = {mu: load, viscous: velocity}
             shares = {name: unit for name, unit in units.items() if name in found}
             largest = max((found[name] * unit for name, unit in shares.items()), default=0.0)
             alone |= {name: largest / unit for name, unit in shares.items()}
             found |= {name: max(found[name], WEAKEST * alone[name]) for name in shares}
-            mu_c = found.get(f"{prefix}mu_c", known.get(f"{prefix}mu_c", 1.0))
+            mu_c = found.get(mu, known.get(mu, 1.0))
             force = mu_c * load
             if not contact.law.parameters and mass:  # no friction: what its motion needs
                 force = mass * acceleration
-            stiffness = fixed.get(f"{prefix}sigma_0", force / (1e-2 * velocity**2 / acceleration))
+            stiffness = fixed.get(bristle, force / (1e-2 * velocity**2 / acceleration))
             damping = np.sqrt(stiffness * mass) if mass else 1e-2 * stiffness * velocity / acceleration
             own = {
                 "mu_c": mu_c, "mu_s": 1.5 * mu_c, "v_s": 0.02 * velocity, "sigma_0": stiffness, "sigma_1": damping,
                 "sigma_2": 0.1 * force / velocity,
             }  # fmt: skip
-            rough |= {f"{prefix}{name}": value for name, value in own.items()}
+            rough |= {at_contact(contact.name, name): value for name, value in own.items()}
             times, places = [motion.model.t for motion in at], [motion.position for motion in at]
             scales = data_scales(times, places, slips, [np.ones(1) * load])
             turns = contact.system.slip_unit == "rad"
@@ -210,7 +214,7 @@ def default_bounds(
         par = table[name]
         if given.get(name) is not None:
             continue
-        own = name.rpartition(".")[2]
+        own = plain_name(name)
         if par.hidden and par.scan is not None:
             result[name] = scales.sizes.at(name).ends(par.scan)
         elif par.low >= 0 and par.neutral is None:
@@ -234,7 +238,7 @@ def _sliding_regression(
     system = mechanism.system
     own = {par.name: par.neutral is not None for par in system.parameters}  # forces may be zero or negative
     shares = {"mu_c": 1.0, "sigma_2": 0.1}  # of the friction: what each is guessed to make
-    guessed = {n: shares[n.rpartition(".")[2]] for n in free if n.rpartition(".")[2] in shares}
+    guessed = {n: shares[plain_name(n)] for n in free if plain_name(n) in shares}
     names = [n for n in free if n in guessed or own.get(n) is False]
     if not names or not any(motion.fast.any() for motion in motions):
         return {}
@@ -246,10 +250,11 @@ def _sliding_regression(
     forces: dict[str, sp.Expr] = {}
     zero: dict[str, float] = {}
     for contact in mechanism.contacts:
-        at, prefix = contact.system, f"{contact.name}." if contact.name else ""
-        zero |= {f"{prefix}{name}": 0.0 for name in shares}
-        mu, viscous = sp.symbols((f"{prefix}mu_c", f"{prefix}sigma_2"), real=True)
-        force = mu * at.N * sp.sign(at.v_slip) + viscous * at.v_slip
+        at, mu_c, sigma_2 = contact.system, *(at_contact(contact.name, name) for name in shares)
+        zero |= {mu_c: 0.0, sigma_2: 0.0}
+        mu, viscous = sp.symbols((mu_c, sigma_2), real=True)
+        seen, p = replace(CONTACT, v=at.v_slip, N=at.N), SimpleNamespace(mu_c=mu, sigma_2=viscous, v_t=V_T.low)
+        force = CoulombViscous().force(seen, p)  # its sign as sharp as can be: these samples slide
         for par in mechanism.parameters:
             if par.neutral is not None and par.name in free and par.name not in (*own, *guessed):
                 slope = sp.diff(contact.friction, par.symbol).xreplace(neutral)

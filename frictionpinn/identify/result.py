@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..physics.base import at_contact, plain_name
 from ..show import Shown, Table, interval, readable_unit
 from .problem import Problem
 from .solve import Solution, State
@@ -240,11 +241,11 @@ def verdict(
         if lower >= 0 and value[name] < MERGED * p[lower]:
             result.append(f"{name} ended at {space.names[lower]}: {FLAT}")
             continue
-        nothing = name.rpartition(".")[2] in ("mu_c", "sigma_2") and value[name] < 2 * space.low[i]
+        nothing = plain_name(name) in ("mu_c", "sigma_2") and value[name] < 2 * space.low[i]
         either = "leave it out: this model wants none" if nothing else "hold it fixed"
         result.append(f"{name} ended at its bound, {value[name]:.3g}: widen bounds.{name}, or {either}")
     for at, speed in fastest.items():
-        v_s = f"{at}.v_s" if at else "v_s"
+        v_s = at_contact(at, "v_s")
         if value.get(v_s, 0.0) > BROAD * speed > 0:
             bend = "the Stribeck term bends the whole curve and stands for something else"
             result.append(f"{v_s} is as large as the speeds in these data: {bend}; take a law without it")
@@ -268,7 +269,7 @@ def verdict(
 
 def hints_of(names: Iterable[str]) -> dict[str, str]:
     """What to record to tell each of these parameters better, those of several contacts too."""
-    return {name: HINTS[own] for name in names if (own := name.rpartition(".")[2]) in HINTS}
+    return {name: HINTS[own] for name in names if (own := plain_name(name)) in HINTS}
 
 
 def sentences(names: tuple[str, ...], correlation: np.ndarray, hints: Mapping[str, str]) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 import sympy as sp
 
 from ..errors import UserError
+from ..physics.base import beside, plain_name
 from ..physics.mechanism import Mechanism
 
 LEAST_GAP = 1e-3  # of the lower bound: two parameters that must not cross stay this far apart
@@ -177,13 +178,11 @@ class Prior:
         rows: list[np.ndarray] = []
         target: list[float] = []
         about: dict[str, str] = {}
-        free = [
-            (n, *n.rpartition(".")[::2], spread) for own, spread in SPREADS.items() for n in space.names if _is(n, own)
-        ]
-        for name, contact, own, spread in free:
+        free = [(n, own, spread) for own, spread in SPREADS.items() for n in space.names if plain_name(n) == own]
+        for name, own, spread in free:
             if name not in expected:
                 continue
-            i, mu_c = space.names.index(name), f"{contact}.mu_c" if contact else "mu_c"
+            i, mu_c = space.names.index(name), beside(name, "mu_c")
             row, lower = np.zeros(len(space.names)), space.below[i]
             row[i] = 1.0
             if own == "mu_s" and lower >= 0:
@@ -197,7 +196,7 @@ class Prior:
                 about[name] = f"{middle:.2g}, within a factor of {np.exp(2 * spread):.2g}"
             rows.append(row / spread)
             target.append(value / spread)
-        kept = {name: value for name, value in expected.items() if any(_is(name, own) for own in SPREADS)}
+        kept = {name: value for name, value in expected.items() if plain_name(name) in SPREADS}
         return cls(np.array(rows).reshape(len(rows), len(space.names)), np.array(target), about, kept)
 
     @property
@@ -208,11 +207,6 @@ class Prior:
     def distance(self, u: np.ndarray) -> np.ndarray:
         """A u - b at u, shape (n,): half its square is what the prior costs."""
         return self.rows @ u - self.target
-
-
-def _is(name: str, own: str) -> bool:
-    """Whether a parameter is this one of a law, at whatever contact: ``hinge.mu_s`` is ``mu_s``."""
-    return name.rpartition(".")[2] == own
 
 
 def _order(mechanism: Mechanism) -> list[tuple[str, str]]:

@@ -18,6 +18,7 @@ from scipy.stats import qmc
 
 from ..numerics.parallel import in_parallel
 from ..numerics.paths import InputPath
+from ..physics.base import beside, contact_of, plain_name
 from .problem import Problem
 from .solve import GIVEN, Evaluate, Solution, State, levenberg_marquardt
 from .space import Space
@@ -66,7 +67,7 @@ def windows_of(problem: Problem) -> tuple[TrialModel, ...]:
             part = slice(i, j + 1)
             y = model.y[:, part].copy()
             for z, stiffness in model.bristles if motion.fast[i] else ():
-                at, mu_c = motion.at(z[:-2]), values.get(f"{z[:-1]}mu_c")
+                at, mu_c = motion.at(contact_of(z)), values.get(beside(z, "mu_c"))
                 if mu_c and stiffness in model.simulator.parameter_names:
                     start[z] = mu_c * float(at.normal[i] * np.sign(at.v_slip[i]))
                     y[:, 0] = np.nan
@@ -117,23 +118,24 @@ def coarse_design(problem: Problem) -> list[np.ndarray]:
     """
     space, start, fixed = problem.space, problem.start, problem.fixed
     masses, alone = problem.scales.masses, problem.scales.alone
-    designed = [full for name in DESIGNED for full in space.names if full.rpartition(".")[2] == name]
+    designed = [full for name in DESIGNED for full in space.names if plain_name(full) == name]
     dims = [*designed, *(name for name in problem.shapes if name in space.names)]
     points = qmc.Sobol(max(len(dims), 1), seed=0).random(DESIGN_POINTS.get(len(dims), MOST_POINTS))
     bounds, signed = space.bounds, [name for name, scale in zip(space.names, space.scales, strict=True) if scale]
-    dry, result = {name: value for name, value in alone.items() if name.rpartition(".")[2] == "mu_c"}, []
+    dry, result = {name: value for name, value in alone.items() if plain_name(name) == "mu_c"}, []
     for k, point in enumerate(points):
         p = dict(start)
         for name, whole in dry.items():
             if k % 2 and start.get(name, np.inf) < FEW * whole:  # what looks viscous may be dry friction with drag
                 p[name] = whole
         for name, x in zip(dims, point, strict=False):
-            contact, dot, own = name.rpartition(".")
-            if own == "sigma_1" and (mass := masses.get(contact)):
-                stiffness = p.get(f"{contact}{dot}sigma_0", fixed.get(f"{contact}{dot}sigma_0", 1.0))
+            own = plain_name(name)
+            if own == "sigma_1" and (mass := masses.get(contact_of(name))):
+                sigma_0 = beside(name, "sigma_0")
+                stiffness = p.get(sigma_0, fixed.get(sigma_0, 1.0))
                 p[name] = 2 * _between(*DAMPING_RATIO, x) * np.sqrt(stiffness * mass)
             elif own == "mu_s":
-                mu_c = f"{contact}{dot}mu_c"
+                mu_c = beside(name, "mu_c")
                 p[name] = p.get(mu_c, fixed.get(mu_c, 1.0)) * _between(*STATIC_RATIO, x)
             elif name in signed:
                 p[name] = bounds[name][0] + x * (bounds[name][1] - bounds[name][0])
@@ -149,7 +151,7 @@ def coarse_design(problem: Problem) -> list[np.ndarray]:
 
 def ridges(space: Space) -> list[tuple[str, str]]:
     """Names of mu_s and v_s of every contact where both are free."""
-    pairs = [(name, f"{name[:-4]}v_s") for name in space.names if name.rpartition(".")[2] == "mu_s"]
+    pairs = [(name, beside(name, "v_s")) for name in space.names if plain_name(name) == "mu_s"]
     return [pair for pair in pairs if pair[1] in space.names]
 
 
@@ -158,7 +160,7 @@ def ridge_grid(
 ) -> list[np.ndarray]:
     """Search vectors that differ from u in mu_s / mu_c and v_s, which a contact calls by the names of the ``pair``."""
     mu_s, v_s = pair
-    p, dry = space.named(u), f"{mu_s[:-1]}c"
+    p, dry = space.named(u), beside(mu_s, "mu_c")
     mu_c, speeds = p.get(dry, fixed.get(dry)), np.geomspace(*space.bounds[v_s], RIDGE[1])
     pairs = [(ratio, speed) for ratio in np.geomspace(*STATIC_RATIO, RIDGE[0]) for speed in speeds]
     pairs.append((FLAT_RATIO, p[v_s]))  # no rise towards rest: a law that has too much

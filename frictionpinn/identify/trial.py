@@ -14,6 +14,7 @@ from ..numerics.paths import Directions, InputPath
 from ..numerics.resolution import averaged, samples_within
 from ..numerics.simulate import Simulation, Simulator
 from ..numerics.spline_basis import NoisyInput
+from ..physics.base import beside, contact_of
 from .loss import Loss
 
 RELATIVE_FLOOR = 1e-12  # of the largest diagonal entry: keeps what no signal sees from making a matrix singular
@@ -97,7 +98,7 @@ class TrialModel:
     @property
     def bristles(self) -> list[tuple[str, str]]:
         """Bristle states and, beside each, the name of its stiffness: (z, sigma_0), (hinge.z, hinge.sigma_0)."""
-        return [(name, f"{name[:-1]}sigma_0") for name in self.simulator.bristles]
+        return [(name, beside(name, "sigma_0")) for name in self.simulator.bristles]
 
     def size(self, joint: bool) -> int:
         """Number of local unknowns, with or without the inputs' coefficients."""
@@ -148,7 +149,7 @@ class TrialModel:
         run = steady.simulate(p, np.zeros(0))
         begun, scales = dict(self.start), dict(self.force_scales)
         for name, stiffness in sought:
-            there = run.at(name[:-2])
+            there = run.at(contact_of(name))
             begun[name], largest = float(there.z[0]), float(np.abs(there.z).max())
             if stiffness in p:
                 begun[name], largest = begun[name] * p[stiffness], float(np.abs(there.F).max())
@@ -191,7 +192,7 @@ class TrialModel:
                 continue
             column = len(names) + self.states.index(z)  # the unknown is the force sigma_0 z
             if stiffness in names:
-                J[:, :, list(names).index(stiffness)] -= J[:, :, column] * run.at(z[:-2]).z[0] / p[stiffness]
+                J[:, :, list(names).index(stiffness)] -= J[:, :, column] * run.at(contact_of(z)).z[0] / p[stiffness]
             J[:, :, column] /= p[stiffness]
         return J
 

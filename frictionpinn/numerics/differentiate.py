@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..physics.base import at_contact
 from ..physics.mechanism import Mechanism
 from .bristle import start_changes
 from .codegen import Kernels, pointer
@@ -95,13 +96,12 @@ def named(mechanism: Mechanism, ds: np.ndarray, dw: np.ndarray, outputs: np.ndar
     m, zero, bristles = len(mechanism.free), np.zeros((len(ds), ds.shape[2])), list(mechanism.bristles)
     result: dict[str, np.ndarray] = {}
     for k, contact in enumerate(mechanism.contacts):
-        prefix = f"{contact.name}." if contact.name else ""
         if outputs is not None:
             own = np.moveaxis(outputs[:, 3 * k : 3 * k + 3], 1, 0)
-            result |= zip((f"{prefix}{name}" for name in ("v_slip", "N", "F")), own, strict=True)
+            result |= zip((at_contact(contact.name, name) for name in ("v_slip", "N", "F")), own, strict=True)
         place = bristles.index(contact) - len(bristles) if contact in bristles else None
         moving = (zero, zero) if place is None else (ds[:, place], dw[:, place])
-        result[f"{prefix}z"], result[f"{prefix}zdot"] = moving
+        result |= zip((at_contact(contact.name, name) for name in ("z", "zdot")), moving, strict=True)
     for j, coordinate in enumerate(mechanism.free):
         result.update(zip(coordinate.signals, (ds[:, j], ds[:, m + j], dw[:, j]), strict=True))
     return result

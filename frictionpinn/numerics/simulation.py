@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import UserError
+from ..physics.base import contact_of, plain_name
 
 
 class ContactLost(UserError):
@@ -99,7 +100,7 @@ class Simulation:
             raise UserError("unknown contact", where="contact", received=contact, allowed=", ".join(self.contacts))
         if len(self.contacts) == 1:
             return self
-        k, prefix = self.contacts.index(contact), f"{contact}."
-        own = {name.removeprefix(prefix): x for name, x in self.sensitivities.items() if name.startswith(prefix)}
+        k = self.contacts.index(contact)
+        own = {plain_name(name): x for name, x in self.sensitivities.items() if contact_of(name) == contact}
         values = {name: getattr(self, name)[:, k] for name in ("z", "zdot", "v_slip", "N", "F")}
         return replace(self, **values, sensitivities=self.sensitivities | own, contacts=(contact,))

@@ -17,6 +17,26 @@ SESSION, TRIAL = sp.symbols("t_session trial", real=True)
 _S_SLIP, _A_SLIP = sp.symbols("s_slip a_slip", real=True)
 
 
+def at_contact(contact: str, name: str) -> str:
+    """The name that a parameter, state or signal has at a contact, ``hinge.mu_c``; plain where there is only one."""
+    return f"{contact}.{name}" if contact else name
+
+
+def contact_of(name: str) -> str:
+    """The contact in a name: ``hinge`` in ``hinge.mu_c``, nothing in ``mu_c``."""
+    return name.rpartition(".")[0]
+
+
+def plain_name(name: str) -> str:
+    """The name without its contact: ``mu_c`` in ``hinge.mu_c``."""
+    return name.rpartition(".")[2]
+
+
+def beside(name: str, other: str) -> str:
+    """The name that another has at the same contact: ``hinge.v_s`` beside ``hinge.mu_s``."""
+    return at_contact(contact_of(name), other)
+
+
 @dataclass(frozen=True)
 class Parameter:
     """A physical constant with its unit and its physical limits.

@@ -13,7 +13,7 @@ from typing import Any
 import sympy as sp
 
 from ..errors import UserError, choose, nearest
-from .base import CONTACT, FrictionLaw
+from .base import CONTACT, FrictionLaw, at_contact, contact_of, plain_name
 from .effect import Effect
 from .friction import CONTACT_LAWS, LAWS
 from .system import System
@@ -21,15 +21,14 @@ from .system import System
 
 def _named(item, contact: str):
     """A parameter or a state that carries the contact's name: ``hinge.mu_c``."""
-    return replace(item, name=f"{contact}.{item.name}") if contact else item
+    return replace(item, name=at_contact(contact, item.name))
 
 
 def own_names(p: SimpleNamespace, contact: str) -> SimpleNamespace:
     """The parameters as a law or an effect at a contact sees them: ``p.mu_c`` is the symbol of ``hinge.mu_c``."""
     if not contact:
         return p
-    prefix = f"{contact}."
-    own = {name.removeprefix(prefix): symbol for name, symbol in vars(p).items() if name.startswith(prefix)}
+    own = {plain_name(name): symbol for name, symbol in vars(p).items() if contact_of(name) == contact}
     return SimpleNamespace(**(vars(p) | own))
 
 
@@ -53,21 +52,31 @@ class ContactLaws(FrictionLaw):
 
     def called(self, name: str) -> list[str]:
         """The parameters of all contacts that have this plain name."""
-        return [par.name for par in self.parameters if par.name.partition(".")[2] == name]
+        return [par.name for par in self.parameters if plain_name(par.name) == name]
 
     def constraints(self, p):
         return tuple(e for contact, law in self.laws.items() for e in law.constraints(own_names(p, contact)))
 
 
-def law_named(given: str | Mapping[str, str], where: str) -> FrictionLaw | dict[str, FrictionLaw]:
-    """A friction law by name, or one for each contact, ``none`` included.
+def law_named(
+    given: FrictionLaw | str | Mapping[str, FrictionLaw | str], where: str
+) -> FrictionLaw | dict[str, FrictionLaw]:
+    """A friction law by name, or one for each contact, ``none`` included; a law that is made already is kept.
 
     Raises:
-        UserError: an unknown law; ``where`` it was given.
+        UserError: an unknown law, or what is none; ``where`` it was given.
     """
     if isinstance(given, Mapping):
-        return {name: choose(law, CONTACT_LAWS, f"{where}.{name}")() for name, law in given.items()}
-    return choose(given, LAWS, where)()
+        return {name: _law(item, CONTACT_LAWS, f"{where}.{name}") for name, item in given.items()}
+    return _law(given, LAWS, where)
+
+
+def _law(given: object, known: dict[str, Any], where: str) -> FrictionLaw:
+    law = choose(given, known, where)() if isinstance(given, str) else given
+    if not isinstance(law, FrictionLaw):
+        allowed = f"{', '.join(known)}, or an object"
+        raise UserError("not a FrictionLaw", where=where, received=repr(law), allowed=allowed)
+    return law
 
 
 def laws_of(system: System, law: FrictionLaw | Mapping[str, FrictionLaw]) -> FrictionLaw:
@@ -107,7 +116,7 @@ def by_parameter(table: Mapping[str, Any], law: FrictionLaw) -> dict[str, Any]:
         if name not in law.laws:
             result |= dict.fromkeys(law.called(name) or [name], value)
     for contact in law.laws:
-        result |= {f"{contact}.{name}": value for name, value in (table.get(contact) or {}).items()}
+        result |= {at_contact(contact, name): value for name, value in (table.get(contact) or {}).items()}
     return result | {name: value for name, value in table.items() if "." in name}
 
 
@@ -149,11 +158,8 @@ class LocatedEffect(Effect):
         at, law = system.at(self.contact), law.at(self.contact)
         acting = {symbol.name for symbol in self._terms(at, law).free_symbols}
         own = {key: names for key, names in self.effect.groups(at, law).items() if acting & {*names}}
-        return {self._here(key) if key == self.effect.name else key: tuple(self._called(n) for n in names)
+        return {self._here(key) if key == self.effect.name else key: tuple(at_contact(self.contact, n) for n in names)
                 for key, names in own.items()}  # fmt: skip
-
-    def _called(self, name: str) -> str:
-        return f"{self.contact}.{name}" if self.contact else name
 
     def _terms(self, at: System, law: FrictionLaw) -> sp.Tuple:
         """Everything that law and effect say of this contact, in the effect's own names."""
@@ -190,6 +196,5 @@ class LocatedEffect(Effect):
 
 def bristle_symbols(contact: str) -> tuple[sp.Symbol, sp.Symbol]:
     """Symbols of the bristle state of a contact and of its rate: z and z', ``hinge.z`` and ``hinge.zdot``."""
-    prefix = f"{contact}." if contact else ""
-    z, zdot = sp.symbols((f"{prefix}z", f"{prefix}zdot"), real=True)
+    z, zdot = sp.symbols((at_contact(contact, "z"), at_contact(contact, "zdot")), real=True)
     return z, zdot

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .base import Parameter
+from .base import Parameter, contact_of
 from .scan import Scan
 
 FACTOR = re.compile(r"([*/]?)(\{?[A-Za-z]+\}?|1)(?:\^(\d+))?")  # of a unit
@@ -83,7 +83,7 @@ class SizesByContact(Sizes):
     contacts: Mapping[str, Sizes] = field(default_factory=dict)
 
     def at(self, name: str) -> Sizes:
-        return self.contacts.get(name.rpartition(".")[0], self)
+        return self.contacts.get(contact_of(name), self)
 
     def with_forces(self, forces: Mapping[str, float]) -> Sizes:
         contacts = {name: replace(own, force=forces[name]) for name, own in self.contacts.items()}

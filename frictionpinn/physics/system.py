@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import sympy as sp
 
 from ..errors import UserError, nearest
-from .base import TIME, Parameter
+from .base import TIME, Parameter, contact_of
 from .declarations import Coordinate, FrictionalContact, Input, check_imposed, check_value, checked_driven
 
 __all__ = ["TIME", "Coordinate", "FrictionalContact", "Input", "System"]
@@ -309,5 +309,6 @@ class System:
 
     def unit(self, parameter: Parameter) -> str:
         """Unit of a law's parameter on this system: {F} and {L} become its contact's units of force and slip."""
-        contact = self.at(parameter.name.rpartition(".")[0]) if "." in parameter.name else self
+        name = contact_of(parameter.name)
+        contact = self.at(name) if name else self
         return parameter.unit.format(F=contact.force_unit, L=contact.slip_unit)

@@ -20,6 +20,7 @@ from ..errors import UserError, choose, nearest
 from ..numerics.kalman import KalmanFilter, KalmanSmoother
 from ..numerics.smoothing import NoSmoothing, SavitzkyGolay, Smoother, SmoothingSpline
 from ..physics import LAWS, SYSTEMS, FrictionLaw, System
+from ..physics.base import at_contact
 from ..physics.contacts import by_parameter, law_named, laws_of
 
 Config = dict[str, Any]
@@ -125,7 +126,7 @@ def build_recording(cfg: Config, system: System) -> Recording:
         truth = dict(cfg["truth"])
         for name, table in effects.items():
             contact = name.partition("@")[2]
-            truth |= {f"{contact}.{key}" if contact else key: value for key, value in (table or {}).items()}
+            truth |= {at_contact(contact, key): value for key, value in (table or {}).items()}
         return simulate_recording(obeyed, cfg["friction"], truth, cfg["trials"], float(cfg["rate_hz"]), tuple(effects))
     if cfg["name"] == "csv":
         return _from_files(cfg, system)

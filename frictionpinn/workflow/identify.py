@@ -24,6 +24,7 @@ from ..evaluate.yardsticks import Candidate
 from ..identify.result import Estimate, plain
 from ..numerics.simulate import Simulator
 from ..physics import LAWS, System, extensions
+from ..physics.base import beside, plain_name
 from ..physics.contacts import by_parameter, law_named, laws_of
 from ..physics.mechanism import Mechanism
 from .build import Config, build_friction, build_noise, build_recording, build_system, law_table, seed_of
@@ -220,8 +221,8 @@ def start_within(bounds: Mapping[str, list[float]], seed: int) -> dict[str, floa
 def within(bounds: Mapping[str, list[float]], start: Mapping[str, float]) -> dict[str, float]:
     """The start moved inside the bounds, the static coefficient above the Coulomb one."""
     moved = {name: float(np.clip(value, *bounds.get(name, (-np.inf, np.inf)))) for name, value in start.items()}
-    for mu_s in (name for name in moved if name.rpartition(".")[2] == "mu_s"):
-        if (mu_c := f"{mu_s[:-1]}c") in moved:
+    for mu_s in (name for name in moved if plain_name(name) == "mu_s"):
+        if (mu_c := beside(mu_s, "mu_c")) in moved:
             highest = bounds[mu_s][1] if mu_s in bounds else np.inf
             moved[mu_s] = min(max(moved[mu_s], 1.05 * moved[mu_c]), highest)
             moved[mu_c] = min(moved[mu_c], moved[mu_s] / 1.01)
