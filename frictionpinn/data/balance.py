@@ -18,6 +18,7 @@ from ..numerics.motion_function import motion_function
 from ..physics import LAWS, System
 from ..physics.base import MU_C, SIGMA_2
 from ..physics.mechanism import Mechanism
+from ..show import readable_unit
 from .filters import FEWEST, Sampled, clear, filtered, noise_gain, widths
 from .findings import ANOTHER, CLEAR, EXPLAINED, HALF, INERTIAL, OFF, SLIDING, SURE, Finding, listed, named_factor
 
@@ -276,8 +277,8 @@ def _alternatives(system: System, sigmas: Mapping[str, float]) -> list[tuple[str
     for item in system.inputs:
         if item.name in sigmas:
             result.append((f"the sign of {item.name} turned", times([item.name], -1.0)))
-            result += [(f"{item.name} in m{item.unit}", times([item.name], 1e-3)),
-                       (f"{item.name} in k{item.unit}", times([item.name], 1e3))]  # fmt: skip
+            result += [(f"{item.name} in m{readable_unit(item.unit)}", times([item.name], 1e-3)),
+                       (f"{item.name} in k{readable_unit(item.unit)}", times([item.name], 1e3))]  # fmt: skip
     return result
 
 

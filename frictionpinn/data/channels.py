@@ -9,6 +9,7 @@ import numpy as np
 
 from ..numerics.quantisation import quantisation_step
 from ..physics import System
+from ..show import readable_unit
 from .filters import Sampled, clear, widths
 from .findings import AT_REST, HELD, LEVELS, NEAR_END, PILED, SURE, TURNS, Finding
 from .recording import Recording
@@ -36,7 +37,8 @@ def channel_findings(system: System, recording: Recording, trials: Sequence[Samp
         step = quantisation_step(parts)
         if step and (high - low) / step < LEVELS:
             findings.append(Finding(
-                f"{name} was recorded in steps of {step:.3g} {units[name]}, {round((high - low) / step)} in its range",
+                f"{name} was recorded in steps of {step:.3g} {readable_unit(units[name])}, "
+                f"{round((high - low) / step)} in its range",
                 "record it with a finer resolution, or leave it out where another signal tells the same"))  # fmt: skip
         if units[name] == "rad" and name in positions and (high - low) > TURNS * 2 * math.pi:
             findings.append(Finding(f"{name} goes through {(high - low) / 2 / math.pi:.3g} turns",

@@ -132,7 +132,7 @@ def scan(
     runs = bench.simulate(fit, strict=True)
     place = _Place(bench, fit, names, rows, known, noise, sizes, runs)
 
-    tested = in_parallel(lambda k: place.test(options[k]), [len(c.grid) for c in options])
+    tested = in_parallel(lambda k: place.test(options[k]), [len(c.grid) for c in options], "effects tested")
     left, lengths = place.left(place.at_hand(bumps), bumps)
     remaining = []
     for k, (variable, kind) in enumerate(variables):

@@ -29,6 +29,7 @@ from ..numerics.parallel import in_parallel
 from ..numerics.simulate import ContactLost, SimulationFailed
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.mechanism import Mechanism
+from ..progress import counted
 from .problem import Problem
 from .result import Estimate, Minimum
 from .solve import (
@@ -145,7 +146,7 @@ def minima_around(
         first = replace(found.state, u=np.clip(found.state.u + step, low, high))
         return coarse_to_fine(evaluate, first, (low, high), own)
 
-    made = in_parallel(followed, [1.0] * len(steps))
+    made = in_parallel(followed, [1.0] * len(steps), "minima around the fit")
     ends = sorted([found, *(end for end in made if end is not None)], key=lambda end: end.state.cost)
     best = assembled(evaluate, ends[0], [*others, *(end.state for end in ends[1:])], (low, high))
     return [best, *(end for end in ends if not same_minimum(best.state, end.state))]
@@ -158,7 +159,7 @@ def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, fl
     limits, widths = problem.space.limits, problem.resolutions
     distinct: list[State] = []
     coarse: list[Found] = []
-    for start in starts:
+    for start in counted(starts, "whole trials, coarsely"):
         poor = start.state.cost > starts[0].state.cost + RIVAL and start.reason != GIVEN
         if poor or any(_alike(start.state, other) for other in distinct):
             continue
@@ -169,7 +170,7 @@ def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, fl
             coarse += [] if found is None else [(found, begun[1])]
     coarse.sort(key=lambda pair: pair[0].state.cost)
     ends: list[Found] = []
-    for k, (first, models) in enumerate(coarse):
+    for k, (first, models) in enumerate(counted(coarse, "whole trials, to the sample")):
         lowest = coarse[0][0].state
         if k and (first.state.cost > lowest.cost + AS_NEAR or _alike(first.state, lowest)):
             continue
@@ -200,7 +201,7 @@ def _settled(
     limits = problem.space.limits
     if len(problem.given) == len(problem.sigmas):
         return levenberg_marquardt(problem.evaluator(models, sigmas), solution.state, limits, iterations=20), sigmas
-    for left in reversed(range(NOISE_ROUNDS)):
+    for left in counted(range(NOISE_ROUNDS)[::-1], "noise levels"):
         new = _sigmas_of(problem, models, solution.state)
         change = max(abs(np.log(new[name] / sigmas[name])) for name in new)
         sigmas = new

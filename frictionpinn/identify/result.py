@@ -78,7 +78,7 @@ class Estimate(Shown):
         estimator: "maximum_likelihood", "nelder_mead", ...
         names: free parameters, in the mechanism's order.
         values: name -> estimate, SI units; NaN only where the estimation failed.
-        units: name -> SI unit.
+        units: name -> SI unit; "N*m at a preload of 1" of a friction coefficient that stands for the friction itself.
         covariance: of the estimates, SI units, shape (n, n); NaN rows where there is none.
         ci95: name -> 95 % interval of the data alone; that of a positive parameter is symmetric in its logarithm, or
             where it is told poorly that of its profile: from 0 or to infinity where the data do not bound it.
@@ -167,7 +167,8 @@ class Estimate(Shown):
         width = max(map(len, self.names))
         for name in self.names:
             low, high = self.ci95[name]
-            lines.append(f"  {name:{width}s} {self.values[name]:.6g} [{low:.4g}, {high:.4g}] {self.units[name]}")
+            told = f"  {name:{width}s} {self.values[name]:.6g} [{low:.4g}, {high:.4g}]"
+            lines.append(f"{told} {readable_unit(self.units[name])}".rstrip())
         return "\n".join([*lines, *("  " + sentence for sentence in self.advice)])
 
 

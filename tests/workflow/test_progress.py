@@ -14,8 +14,8 @@ import time
 import pytest
 from commands import ROOT, call
 
-from frictionpinn.workflow import progress
-from frictionpinn.workflow.progress import Steps, in_words
+from frictionpinn import progress
+from frictionpinn.progress import Steps, in_words
 
 DRIVE = ["system=drive", "data.rate_hz=100", "friction=coulomb_viscous", "data.friction=coulomb_viscous"]
 DRIVE += ["data.truth={mu_c: 3.0, sigma_2: 2.0}"]
