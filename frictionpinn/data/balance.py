@@ -20,7 +20,20 @@ from ..physics.base import MU_C, SIGMA_2
 from ..physics.mechanism import Mechanism
 from ..show import readable_unit
 from .filters import FEWEST, Sampled, clear, filtered, noise_gain, widths
-from .findings import ANOTHER, CLEAR, EXPLAINED, HALF, INERTIAL, OFF, SLIDING, SURE, Finding, listed, named_factor
+from .findings import (
+    ANOTHER,
+    CLEAR,
+    EXPLAINED,
+    HALF,
+    INERTIAL,
+    NO_SLIP,
+    OFF,
+    SLIDING,
+    SURE,
+    Finding,
+    listed,
+    named_factor,
+)
 
 Motion = dict[str, np.ndarray]
 
@@ -105,7 +118,7 @@ def balance_findings(
             advice = f"set system.parameters to what moves, or check the units of {listed(_involved(system, sigmas))}"
             return [Finding(what, "; ".join(filter(None, [advice, fix])), grave=True)]
         if not ranked and found.inertia < -ANOTHER and found.elastic > HALF:
-            what = "nothing slips here: the force goes with the position as in a spring, no friction can be told"
+            what = f"{NO_SLIP}: the force goes with the position as in a spring, no friction can be told"
             return [Finding(what, "record a motion that breaks loose", grave=True)]
         what = f"force and motion have opposite signs: they would need {found.inertia:.3g} times the declared inertia"
         return [

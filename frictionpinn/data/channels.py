@@ -11,7 +11,7 @@ from ..numerics.quantisation import quantisation_step
 from ..physics import System
 from ..show import readable_unit
 from .filters import Sampled, clear, widths
-from .findings import AT_REST, HELD, LEVELS, NEAR_END, PILED, SURE, TURNS, Finding
+from .findings import AT_REST, HELD, LEVELS, NEAR_END, NO_SLIP, PILED, SURE, TURNS, Finding
 from .recording import Recording
 
 
@@ -105,7 +105,7 @@ def slip_findings(system: System, trials: Sequence[Sampled], sigmas: dict[str, f
         return []
     rms = {n: np.sqrt(np.mean(np.concatenate([t.signals[n] for t in trials if n in t.signals]) ** 2)) for n in told}
     sizes = ", ".join(f"{n} {value:.2g}" for n, value in rms.items())
-    return [Finding(f"nothing slips here: no friction can be told ({sizes} rms, no more than noise)",
+    return [Finding(f"{NO_SLIP}: no friction can be told ({sizes} rms, no more than noise)",
                     "record a motion that breaks loose, or check the columns", grave=True)]  # fmt: skip
 
 

@@ -34,6 +34,8 @@ TURNS = 4.0  # turns of an angle beyond which degrees are likelier than a wheel
 SLIDING = 0.15  # of the largest slip velocity: faster counts as sliding
 AT_REST = 0.1  # of a signal's root mean square: what moves less stands still
 
+NO_SLIP = "nothing slips here"  # begins every finding by which no friction can be told, whatever is asked for
+
 FACTORS = {
     1000.0: "1000", 100.0: "100", 10.0: "10", 180 / math.pi: "57.3 (degrees for radians)", 60.0: "60",
     2 * math.pi: "2 pi (turns for radians)", 30 / math.pi: "9.55 (rpm for rad/s)", g: "9.81 (g)",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..data.inspect import no_slip
 from ..show import Shown, Table, interval, readable_unit
 from .problem import Problem
 from .solve import Solution, State
@@ -217,7 +218,10 @@ def verdict(
         at: max(float(np.abs(motion.slips[at]).max()) for motion in problem.motions) if slides else 0.0
         for at in problem.motions[0].slips
     }
-    if not slides:
+    still = no_slip(problem.recording, problem.mechanism.system)
+    if still:
+        result.append(f"{still}: increase the excitation until it breaks loose")
+    elif not slides:
         result.append("the contact hardly slides in this recording: increase the excitation until it does")
     open_ended = False
     for i, (name, lower) in enumerate(zip(space.names, space.below, strict=True)):
@@ -263,7 +267,7 @@ def verdict(
     outcome = CONVERGED if reason in ("converged", "stuck") else STOPPED
     outcome = outcome if white else UNEXPLAINED
     outcome = AT_BOUND if at_bound else UNIDENTIFIED if hidden or open_ended else outcome
-    outcome = outcome if slides and len(hidden) < len(p) else NO_EXCITATION
+    outcome = outcome if slides and not still and len(hidden) < len(p) else NO_EXCITATION
     return outcome, tuple(result)
 
 
