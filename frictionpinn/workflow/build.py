@@ -153,6 +153,7 @@ def _from_files(cfg: Config, system: System) -> Recording:
     columns = mapping(cfg, "columns", "data")
     if cfg.get("columns") is None:
         columns = {name: name for name in known if name in present}
+    if cfg.get("columns") is None or "t" in present:
         columns.setdefault("t", "t")
     if trial_column not in (None, "trial", *present):
         raise UserError("unknown column", where="data.trial_column", received=repr(trial_column),
