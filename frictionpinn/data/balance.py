@@ -23,20 +23,8 @@ from ..physics.base import MU_C, SIGMA_2
 from ..physics.mechanism import Mechanism
 from ..show import readable_unit
 from .filters import Motion, Sampled, bump, smooth_motion
-from .findings import (
-    ANOTHER,
-    CLEAR,
-    EXPLAINED,
-    HALF,
-    INERTIAL,
-    NO_SLIP,
-    OFF,
-    SLIDING,
-    SURE,
-    Finding,
-    listed,
-    named_factor,
-)
+from .findings import NO_SLIP, Finding, listed, named_factor
+from .thresholds import ANOTHER, CLEAR, EXPLAINED, HALF, INERTIAL, OFF, SLIDING, SURE, USUAL, WELL_KNOWN
 
 
 @dataclass(frozen=True)
@@ -197,7 +185,7 @@ def _rows(system: System, forces: tuple[str, ...] = ()) -> Rows | None:
     def regress(motions: Sequence[Motion]) -> Balance | None:
         columns: list[list[np.ndarray]] = [[] for _ in range(10 + len(extra))]
         speeds = [parts[4](m, values) for m in motions]
-        largest = float(np.quantile(np.abs(np.concatenate(speeds)), 0.99))
+        largest = float(np.quantile(np.abs(np.concatenate(speeds)), USUAL))
         for motion, v in zip(motions, speeds, strict=True):
             size = int(motion["_width"][0])
             sliding = minimum_filter1d(np.abs(v), size) > SLIDING * largest
@@ -214,7 +202,7 @@ def _rows(system: System, forces: tuple[str, ...] = ()) -> Rows | None:
         if not len(own) or (np.any(own) and not float(np.mean(noise)) < (1 - CLEAR) * float(np.mean(own**2))):
             return None  # noise in the acceleration would take inertia away
         independent = float(weight.sum())
-        if independent < 10 or not np.var(drive) > 0:  # two looks for each of five unknowns
+        if independent < WELL_KNOWN or not np.var(drive) > 0:
             return None
         A = np.stack([-own if np.any(own) else -j * a, dry, viscous, -j, *(-column for column in further)], axis=1)
         size = np.sqrt(np.mean(A**2, axis=0))

@@ -11,8 +11,9 @@ from ..numerics.quantisation import quantisation_step
 from ..physics import System
 from ..show import readable_unit
 from .filters import Sampled, clear, widths
-from .findings import AT_REST, HELD, LEVELS, NEAR_END, NO_SLIP, PILED, SURE, TURNS, Finding
+from .findings import NO_SLIP, Finding
 from .recording import Recording
+from .thresholds import AT_REST, HELD, LEVELS, NEAR_END, PILED, SURE, TURNS
 
 
 def channel_findings(system: System, recording: Recording, trials: Sequence[Sampled]) -> list[Finding]:

@@ -15,13 +15,10 @@ from scipy.signal import oaconvolve
 
 from ..numerics.smoothing import difference_sigma
 from ..physics import System
-from .findings import CLEAR, HALF
 from .recording import Recording
+from .thresholds import CLEAR, FEWEST, HALF, MOST_SAMPLES, WINDOWS
 
 Motion = dict[str, np.ndarray]  # signals by name, and what is known of the window
-FEWEST = 8  # samples of a window: below, its derivative is no longer smooth
-WINDOWS = 6  # of a trial's length at least
-MOST_SAMPLES = 60_000  # of a recording that are looked at: seconds of computing; the others are of the same kind
 
 
 @dataclass(frozen=True)
