@@ -96,7 +96,8 @@ def unwrapped(values: np.ndarray) -> tuple[np.ndarray, int]:
     there = jumps > np.pi
     # Jumps by a turn stand far apart from what the angle moves between two samples else.
     usual = float(np.quantile(jumps[~there], USUAL)) if np.any(~there) else np.inf
-    if not there.any() or np.any(np.abs(jumps[there] - 2 * np.pi) > TURN_SPREAD * usual + TURN_ROUNDED) or usual > np.pi / 2:
+    turns = np.abs(jumps[there] - 2 * np.pi) <= TURN_SPREAD * usual + TURN_ROUNDED
+    if not there.any() or not turns.all() or usual > np.pi / 2:
         return values, 0
     return np.unwrap(values), int(there.sum())
 

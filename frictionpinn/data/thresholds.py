@@ -49,5 +49,3 @@ NAMED = 0.05  # how closely a factor is that of a unit: units differ by far more
 # Of the time in which a signal changes by its size (3 % of it is wrong at any instant): a delay that matters.
 LATE = 0.03
 SEARCHED = 0.1  # of the recording by which a signal is moved to find a delay: a longer one is another recording
-    0.1  # of the recording's length by which a signal is moved to find a delay: a longer one is another recording
-)
