@@ -194,6 +194,24 @@ def same(d: pd.DataFrame) -> pd.DataFrame:
 
 
 DEG, GRAVITY = 180 / np.pi, 9.80665
+TURNED = r"sign of .* turned"
+# Of an encoder's log: what is done to it, and what names it.
+ALONE: dict[str, list[tuple[str, Change, str]]] = {
+    "pob": [("x in mm", scaled(x=1e3), r"x in mm|1000"), ("sign of x", scaled(x=-1), TURNED)],
+    "sdob": [("x and y in mm", scaled(x=1e3, y=1e3), r"in mm"), ("sign of the force", scaled(force=-1), TURNED)],
+    "drive": [("x in mm", scaled(x=1e3), r"x in mm"), ("sign of the force", scaled(force=-1), TURNED)],
+    "joint": [("theta in degrees", scaled(theta=DEG), r"in degrees"), ("sign of tau", scaled(tau=-1), TURNED)],
+    "pendulum": [("theta in degrees", scaled(theta=DEG), r"in degrees"), ("sign of tau", scaled(tau=-1), TURNED)],
+    "emps": [("x in mm", scaled(x=1e3), r"x in mm"), ("sign of the force", scaled(force=-1), TURNED)],
+    "ur10e": [("theta in degrees", scaled(theta=DEG), r"in degrees"), ("sign of tau", scaled(tau=-1), TURNED)],
+}
+
+
+def alone(base: str, change: Change) -> Change:
+    """The change of a log of positions and inputs alone."""
+    names = {"pob": ("x", "theta"), "sdob": ("x", "y", "force"), "drive": ("x", "force"), "emps": ("x", "force")}
+    return lambda d: change(kept(*names.get(base, ("theta", "tau")))(d))
+
 
 KINDS: dict[str, Kind] = {
     # units
@@ -275,6 +293,11 @@ KINDS: dict[str, Kind] = {
     "pob: no alpha": Kind("pob", kept("x", "v", "a", "theta", "omega"), RIGHT),
     "pob: positions alone": Kind("pob", kept("x", "theta"), RIGHT),
     "pob: velocities alone": Kind("pob", kept("v", "theta", "omega"), RIGHT),
+    **{
+        f"{base}, positions alone: {what}": Kind(base, alone(base, change), expect)
+        for base in ALONE
+        for what, change, expect in ALONE[base]
+    },
     "drive: no force": Kind("drive", kept("x", "v", "a"), r"taken as zero: force"),
     "drive: position and force": Kind("drive", kept("x", "force"), RIGHT),
     "drive: no header": Kind("drive", kept("t", "x", "v", "force"), r"no header row", header=False),

@@ -16,6 +16,7 @@ from ..identify.result import Estimate
 from ..online.estimator import OnlineEstimator
 from ..physics import extensions
 from ..physics.mechanism import Mechanism
+from ..progress import clock
 from ..workflow.configs import written
 from ..workflow.diagnose import examine
 from ..workflow.estimate import estimate
@@ -67,7 +68,8 @@ def fit(
     extensions.load()
     _known("fit", options, [*_parameters_of(Problem.__init__)[3:], "epochs", "simulations"])
     admit(mechanism.system, recording, check, options.get("free") or ())
-    return estimate(method, mechanism, recording, start=start, seed=seed, **options)
+    with clock():
+        return estimate(method, mechanism, recording, start=start, seed=seed, **options)
 
 
 def bound(mechanism: Mechanism, recording: Recording, values: Values, **options: Any) -> Bound:
@@ -151,7 +153,8 @@ def diagnose(
     cfg["system"] = {"name": system.name, "equations": system.equations, "parameters": dict(system.values)}
     given = {"start": start, "bounds": bounds, "fixed": fixed}
     cfg["friction"] = {"name": mechanism.law.name, **{key: dict(value or {}) for key, value in given.items()}}
-    return examine(cfg, mechanism, recording)
+    with clock():
+        return examine(cfg, mechanism, recording)
 
 
 def online(

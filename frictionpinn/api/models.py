@@ -26,7 +26,14 @@ def systems() -> Table:
     for name, kind in SYSTEMS.items():
         made = kind()
         signals = ", ".join(f"{signal} ({readable_unit(unit)})" for signal, unit in made.signal_units.items())
-        rows.append((name, kind.title, signals, ", ".join(f"{p.name} ({p.unit})" for p in kind.parameters)))
+        rows.append(
+            (
+                name,
+                kind.title,
+                signals,
+                ", ".join(f"{p.name} ({readable_unit(p.unit) or '1'})" for p in kind.parameters),
+            )
+        )
     return Table(("system", "", "signals", "parameters"), tuple(rows))
 
 

@@ -13,6 +13,7 @@ from ..data.recording import Recording
 from ..errors import Interrupted, UserError
 from ..physics import extensions
 from ..physics.mechanism import Mechanism
+from ..progress import clock
 from ..show import Shown, Table, interval, readable_unit
 from ..workflow import evaluate as evaluation
 from ..workflow import export as handing_on
@@ -179,7 +180,8 @@ def evaluate(run: Run | str | Path, *, system: str | None = None, **options: Any
     chosen = [] if system is None else [f"system={system}"]
     cfg = composed("evaluate", [f"run={quote(_folder(run))}", *chosen, *_overrides(options)])
     extensions.load(cfg["extensions"])
-    result = evaluation.evaluate(cfg)
+    with clock():
+        result = evaluation.evaluate(cfg)
     other = result["system"] != result["trained_on"]
     return Evaluation(_folder(run) / (f"evaluation_{result['system']}" if other else "evaluation"), result)
 

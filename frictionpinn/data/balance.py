@@ -1,7 +1,10 @@
 """Whether forces and motion balance: inertia as declared, signs that fit, friction that brakes.
 
 Where the contact slides for certain, the equation of motion E + J F_f = 0 is a regression: what drives it is a times
-the declared inertia plus dry, viscous and constant friction, with a = 1.
+the declared inertia plus dry, viscous and constant friction, with a = 1. All of it is seen through one window, so wide
+that accelerations stand clear of noise. Where positions alone were measured that is wide, and nothing slides for so
+long: then forces are worked out from velocities, which need a shorter window, and averaged over the wide one, whatever
+the contact does within; a rest in it errs by less than dry friction, far below what is looked for.
 """
 
 from __future__ import annotations
@@ -18,10 +21,10 @@ from ..numerics.motion_function import motion_function
 from ..physics import LAWS, System
 from ..physics.base import MU_C, SIGMA_2
 from ..physics.mechanism import Mechanism
-from .filters import FEWEST, Sampled, clear, filtered, noise_gain, widths
-from .findings import ANOTHER, CLEAR, EXPLAINED, HALF, INERTIAL, OFF, SLIDING, SURE, Finding, listed, named_factor
-
-Motion = dict[str, np.ndarray]
+from ..show import readable_unit
+from .filters import Motion, Sampled, bump, smooth_motion
+from .findings import NO_SLIP, Finding, listed, named_factor
+from .thresholds import ANOTHER, CLEAR, EXPLAINED, HALF, INERTIAL, OFF, SLIDING, SURE, USUAL, WELL_KNOWN
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,7 @@ class Balance:
         forces: parameters of the system that were fitted with it (gravity on a joint's arm), SI units.
         moves: share of that variance which is inertia's, of a system without it that which goes with acceleration.
         elastic: share of it that goes with the position alone.
+        looks: independent windows that it rests on.
     """
 
     inertia: float | None
@@ -46,6 +50,7 @@ class Balance:
     moves: float
     elastic: float
     forces: dict[str, float]
+    looks: float
 
     @property
     def fits(self) -> bool:
@@ -65,6 +70,9 @@ class Balance:
         return self.brakes < 0 and self.sure > SURE
 
 
+Rows = Callable[[Sequence[Motion]], Balance | None]
+
+
 def balance_findings(
     system: System, trials: Sequence[Sampled], sigmas: dict[str, float], inertia_free: bool = False
 ) -> list[Finding]:
@@ -73,19 +81,31 @@ def balance_findings(
     Args:
         inertia_free: masses are estimated with the friction: another than declared is no fault.
     """
-    motions = smooth_motion(system, trials, sigmas)
     rows = _rows(system)
-    if not motions or rows is None:
+    if rows is None:
         return []
-    found = rows(motions)
-    if found is None:
-        return []
+    for wide in (False, True):
+        motions = smooth_motion(system, trials, sigmas, wide)
+        found = rows(motions) if motions else None
+        if found is None:
+            continue
+        told = _judged(system, sigmas, motions, rows, found, inertia_free)
+        if told or found.share > EXPLAINED:
+            return told
+    return []
+
+
+def _judged(
+    system: System, sigmas: dict[str, float], motions: Sequence[Motion], rows: Rows, found: Balance, inertia_free: bool
+) -> list[Finding]:
+    """What a regression of these motions says."""
     if gravity := _missing_forces(system, motions, found):
         return [] if inertia_free else [gravity]
     if found.inertia is None and found.moves > INERTIAL:
         what = f"{100 * found.moves:.0f} % of the measured force goes with the acceleration: it moves a mass that "
         return [Finding(f"{what}system={system.name} has not (inertia)", "take system=drive or joint", grave=True)]
-    if found.fits and not (found.share < HALF and found.moves > HALF):
+    loose = found.fits and not (found.share < HALF and found.moves > HALF)
+    if loose and found.share > EXPLAINED:
         return []
     if inertia_free and not found.drives and (found.inertia is None or found.inertia > 0):
         return []
@@ -93,7 +113,10 @@ def balance_findings(
     for name, change in _alternatives(system, sigmas):
         other = rows([change(motion) for motion in motions])
         if other is not None and other.fits and other.share > EXPLAINED:
-            better.append((other.share, name))
+            gain = 0.5 * found.looks * math.log(max(1 - found.share, 1e-12) / max(1 - other.share, 1e-12))
+            better += [(other.share, name)] if not loose or gain > SURE**2 / 2 else []
+    if loose and not better:
+        return []
     ranked = [name for _, name in sorted(better, reverse=True)[:3]]
     fix = f"they fit with {' or with '.join(ranked)}" if ranked else ""
     if found.heavier and found.inertia is not None and found.share >= HALF:
@@ -104,7 +127,7 @@ def balance_findings(
             advice = f"set system.parameters to what moves, or check the units of {listed(_involved(system, sigmas))}"
             return [Finding(what, "; ".join(filter(None, [advice, fix])), grave=True)]
         if not ranked and found.inertia < -ANOTHER and found.elastic > HALF:
-            what = "nothing slips here: the force goes with the position as in a spring, no friction can be told"
+            what = f"{NO_SLIP}: the force goes with the position as in a spring, no friction can be told"
             return [Finding(what, "record a motion that breaks loose", grave=True)]
         what = f"force and motion have opposite signs: they would need {found.inertia:.3g} times the declared inertia"
         return [
@@ -136,55 +159,7 @@ def _missing_forces(system: System, motions: Sequence[Motion], found: Balance) -
                    "set them in system.parameters, or let them be estimated (diagnose.free)", grave=True)  # fmt: skip
 
 
-def smooth_motion(system: System, trials: Sequence[Sampled], sigmas: dict[str, float]) -> list[Motion]:
-    """Every coordinate's position, velocity and acceleration and the inputs, through one window for all."""
-    width = _width(system, trials, sigmas)
-    motions = []
-    for trial in trials:
-        if width is None or trial.span < 3 * width:
-            continue
-        own: Motion = {}
-        for c in system.moving:
-            for k, name in enumerate(c.signals):
-                source = next((j for j in range(k, -1, -1) if c.signals[j] in trial.signals), None)
-                if source is not None:
-                    own[name] = filtered(trial, c.signals[source], width, k - source)
-                elif k < 2 and (above := [j for j in (1, 2) if j > k and c.signals[j] in trial.signals]):
-                    rate = filtered(trial, c.signals[above[0]], width)
-                    for _ in range(above[0] - k):
-                        rate = np.cumsum(rate - (rate.mean() if above[0] == 2 else 0.0)) * trial.dt
-                    own[name] = rate
-        for item in system.inputs:
-            if item.name in trial.signals:
-                own[item.name] = filtered(trial, item.name, width)
-            top = max((j for j in range(3) if c.signals[j] in trial.signals), default=None)
-            if top is not None:  # of the noise that the acceleration brings
-                level = sigmas[c.signals[top]] ** 2 * noise_gain(trial, width, 2 - top)
-                own[f"_noise_{c.name}"] = np.full(len(own[c.signals[2]]), level)
-        own["_independent"] = np.full(len(next(iter(own.values()))), trial.dt / width)
-        own["_width"] = np.full(1, max(round(width / trial.dt), FEWEST))
-        motions.append(own)
-    return motions
-
-
-def _width(system: System, trials: Sequence[Sampled], sigmas: dict[str, float]) -> float | None:
-    """The shortest window through which accelerations and inputs stand clear of noise, or the clearest."""
-    best: tuple[float, float | None] = (0.0, None)
-    wanted = [(c.signals[j], 2 - j) for c in system.moving for j in (2, 1, 0) if c.signals[j] in sigmas]
-    seen: dict[str, tuple[str, int]] = {}
-    for name, order in wanted:  # of each coordinate the highest derivative that was measured
-        seen.setdefault(next(c.name for c in system.moving if name in c.signals), (name, order))
-    parts = [*seen.values(), *((i.name, 0) for i in system.inputs if i.name in sigmas)]
-    for width in widths(trials):
-        shares = [clear(trials, name, sigmas[name], width, order)[0] for name, order in parts if sigmas[name] > 0]
-        worst = min(shares, default=1.0)
-        if worst >= CLEAR:
-            return width
-        best = max(best, (worst, width), key=lambda item: item[0])
-    return best[1] if best[0] > HALF else None
-
-
-def _rows(system: System, forces: tuple[str, ...] = ()) -> Callable[[Sequence[Motion]], Balance | None] | None:
+def _rows(system: System, forces: tuple[str, ...] = ()) -> Rows | None:
     """The regression of the first coordinate on which friction acts, as a function of motions.
 
     ``forces`` are parameters to fit with it, linear in the equation. None with several contacts: one equation does not
@@ -210,21 +185,24 @@ def _rows(system: System, forces: tuple[str, ...] = ()) -> Callable[[Sequence[Mo
     def regress(motions: Sequence[Motion]) -> Balance | None:
         columns: list[list[np.ndarray]] = [[] for _ in range(10 + len(extra))]
         speeds = [parts[4](m, values) for m in motions]
-        largest = float(np.quantile(np.abs(np.concatenate(speeds)), 0.99))
+        largest = float(np.quantile(np.abs(np.concatenate(speeds)), USUAL))
         for motion, v in zip(motions, speeds, strict=True):
             size = int(motion["_width"][0])
             sliding = minimum_filter1d(np.abs(v), size) > SLIDING * largest
             drive, own, j, dry, _, mass, x, a, viscous = (f(motion, values) for f in parts)
             noise = mass**2 * motion.get(f"_noise_{c.name}", np.zeros(len(v)))
-            known = (drive, own, j, dry, viscous, v, motion["_independent"], noise, x, a,
-                     *(f(motion, values) for f in extra))  # fmt: skip
+            known = [drive, own, j, dry, viscous, v, motion["_independent"], noise, x, a,
+                     *(f(motion, values) for f in extra)]  # fmt: skip
+            if (count := int(motion["_average"][0])) > 1:
+                known = [np.convolve(y, bump(count, 0), mode="valid") for y in known]
+                sliding = np.ones(len(known[0]), bool)
             for column, y in zip(columns, known, strict=True):
                 column.append(y[sliding])
         drive, own, j, dry, viscous, v, weight, noise, x, a, *further = (np.concatenate(column) for column in columns)
-        if np.any(own) and not float(np.mean(noise)) < (1 - CLEAR) * float(np.mean(own**2)):
+        if not len(own) or (np.any(own) and not float(np.mean(noise)) < (1 - CLEAR) * float(np.mean(own**2))):
             return None  # noise in the acceleration would take inertia away
         independent = float(weight.sum())
-        if independent < 10 or not np.var(drive) > 0:  # two looks for each of five unknowns
+        if independent < WELL_KNOWN or not np.var(drive) > 0:
             return None
         A = np.stack([-own if np.any(own) else -j * a, dry, viscous, -j, *(-column for column in further)], axis=1)
         size = np.sqrt(np.mean(A**2, axis=0))
@@ -245,8 +223,8 @@ def _rows(system: System, forces: tuple[str, ...] = ()) -> Callable[[Sequence[Mo
         line = np.polyval(np.polyfit(x, drive, 1), x) if np.ptp(x) > 0 else np.full(len(x), drive.mean())
         elastic = 0.0 if residual.has(*place.free_symbols) else 1 - float(np.var(drive - line)) / whole
         inertia, error = (float(scaled[0]), float(errors[0] / size[0])) if has else (None, 0.0)
-        return Balance(inertia, error, power, sure, share,
-                       moves / whole, elastic, dict(zip(forces, scaled[4:].tolist(), strict=True)))  # fmt: skip
+        own_forces = dict(zip(forces, scaled[4:].tolist(), strict=True))
+        return Balance(inertia, error, power, sure, share, moves / whole, elastic, own_forces, independent)
 
     return regress
 
@@ -276,8 +254,8 @@ def _alternatives(system: System, sigmas: Mapping[str, float]) -> list[tuple[str
     for item in system.inputs:
         if item.name in sigmas:
             result.append((f"the sign of {item.name} turned", times([item.name], -1.0)))
-            result += [(f"{item.name} in m{item.unit}", times([item.name], 1e-3)),
-                       (f"{item.name} in k{item.unit}", times([item.name], 1e3))]  # fmt: skip
+            result += [(f"{item.name} in m{readable_unit(item.unit)}", times([item.name], 1e-3)),
+                       (f"{item.name} in k{readable_unit(item.unit)}", times([item.name], 1e3))]  # fmt: skip
     return result
 
 

@@ -9,9 +9,11 @@ import numpy as np
 
 from ..numerics.quantisation import quantisation_step
 from ..physics import System
+from ..show import readable_unit
 from .filters import Sampled, clear, widths
-from .findings import AT_REST, HELD, LEVELS, NEAR_END, PILED, SURE, TURNS, Finding
+from .findings import NO_SLIP, Finding
 from .recording import Recording
+from .thresholds import AT_REST, HELD, LEVELS, NEAR_END, PILED, SURE, TURNS
 
 
 def channel_findings(system: System, recording: Recording, trials: Sequence[Sampled]) -> list[Finding]:
@@ -36,7 +38,8 @@ def channel_findings(system: System, recording: Recording, trials: Sequence[Samp
         step = quantisation_step(parts)
         if step and (high - low) / step < LEVELS:
             findings.append(Finding(
-                f"{name} was recorded in steps of {step:.3g} {units[name]}, {round((high - low) / step)} in its range",
+                f"{name} was recorded in steps of {step:.3g} {readable_unit(units[name])}, "
+                f"{round((high - low) / step)} in its range",
                 "record it with a finer resolution, or leave it out where another signal tells the same"))  # fmt: skip
         if units[name] == "rad" and name in positions and (high - low) > TURNS * 2 * math.pi:
             findings.append(Finding(f"{name} goes through {(high - low) / 2 / math.pi:.3g} turns",
@@ -103,7 +106,7 @@ def slip_findings(system: System, trials: Sequence[Sampled], sigmas: dict[str, f
         return []
     rms = {n: np.sqrt(np.mean(np.concatenate([t.signals[n] for t in trials if n in t.signals]) ** 2)) for n in told}
     sizes = ", ".join(f"{n} {value:.2g}" for n, value in rms.items())
-    return [Finding(f"nothing slips here: no friction can be told ({sizes} rms, no more than noise)",
+    return [Finding(f"{NO_SLIP}: no friction can be told ({sizes} rms, no more than noise)",
                     "record a motion that breaks loose, or check the columns", grave=True)]  # fmt: skip
 
 

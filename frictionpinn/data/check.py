@@ -8,9 +8,8 @@ from collections.abc import Collection, Iterable, Mapping
 import numpy as np
 
 from frictionpinn.data.recording import Recording, Trial
+from frictionpinn.data.thresholds import MIN_SAMPLES
 from frictionpinn.errors import UserError
-
-MIN_SAMPLES = 10
 
 
 def check_trial(

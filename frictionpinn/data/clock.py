@@ -9,15 +9,19 @@ from itertools import pairwise
 import numpy as np
 
 from ..errors import UserError
-from .prepare import JITTER
 from .recording import Trial
-
-BEHIND = 10.0  # usual steps by which a row may come too late and still is of its place; further back time begins anew
-FEW = 0.1  # of the rows: more that repeat a time show a clock that is too coarse, not a logger's slip
-BRIDGED = 0.01  # of a signal's amplitude: by so much a straight line over a gap may err; longer gaps end a trial
-STEPS = 3.0  # usual steps that a gap has at least: otherwise it is how the log was sampled
-LOOKED_AT = 20_000  # samples by which it is told how fast signals change
-LEAST = 10  # samples of a part between two gaps; shorter ones are left out
+from .thresholds import (
+    BEHIND,
+    BRIDGED,
+    FEW,
+    JITTER,
+    LOOKED_AT,
+    MIN_SAMPLES,
+    STEPS,
+    TURN_ROUNDED,
+    TURN_SPREAD,
+    USUAL,
+)
 
 
 def mended(trial: Trial, rows: np.ndarray, angles: Collection[str], where: str) -> list[tuple[Trial, np.ndarray]]:
@@ -91,8 +95,9 @@ def unwrapped(values: np.ndarray) -> tuple[np.ndarray, int]:
     jumps = np.abs(np.diff(values))
     there = jumps > np.pi
     # Jumps by a turn stand far apart from what the angle moves between two samples else.
-    usual = float(np.quantile(jumps[~there], 0.99)) if np.any(~there) else np.inf
-    if not there.any() or np.any(np.abs(jumps[there] - 2 * np.pi) > 3 * usual + 1e-3) or usual > np.pi / 2:
+    usual = float(np.quantile(jumps[~there], USUAL)) if np.any(~there) else np.inf
+    turns = np.abs(jumps[there] - 2 * np.pi) <= TURN_SPREAD * usual + TURN_ROUNDED
+    if not there.any() or not turns.all() or usual > np.pi / 2:
         return values, 0
     return np.unwrap(values), int(there.sum())
 
@@ -105,7 +110,7 @@ def _between_gaps(trial: Trial, rows: np.ndarray, notes: list[str]) -> list[tupl
     if not len(wide):
         return [(trial, rows)]
     edges = [0, *(wide + 1).tolist(), len(trial)]
-    spans = [slice(a, b) for a, b in pairwise(edges) if b - a >= LEAST]
+    spans = [slice(a, b) for a, b in pairwise(edges) if b - a >= MIN_SAMPLES]
     if not spans:
         return [(trial, rows)]
     notes.append(f"{len(wide)} gaps of up to {step[wide].max():.3g} s: cut there into {len(spans)} trials")

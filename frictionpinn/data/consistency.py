@@ -11,7 +11,8 @@ import numpy as np
 
 from ..physics import System
 from .filters import Sampled, clear, filtered, noise_gain, widths
-from .findings import ANOTHER, CLEAR, HALF, LATE, OFF, SURE, Finding, named_factor, rescaled, unit_for
+from .findings import Finding, named_factor, rescaled, unit_for
+from .thresholds import ANOTHER, CLEAR, HALF, LATE, OFF, SEARCHED, SURE
 
 Pair = tuple[str, str]
 
@@ -221,7 +222,7 @@ def _elsewhere(relations: Relations, low: str, high: str) -> Relation | None:
             continue
         rows = [(t.dt, filtered(t, low, width, 1), filtered(t, high, width, 0)) for t in trials if t.span > 2 * width]
         best: tuple[float, float, float] = (0.0, 0.0, 0.0)
-        limit = 0.1 * max(t.span for t in trials)
+        limit = SEARCHED * max(t.span for t in trials)
         for k in range(-200, 201):
             lag, xy, xx, yy = k * limit / 200, 0.0, 0.0, 0.0
             for dt, rate, value in rows:

@@ -14,11 +14,11 @@ import numpy as np
 from scipy.signal import oaconvolve
 
 from ..numerics.smoothing import difference_sigma
+from ..physics import System
 from .recording import Recording
+from .thresholds import CLEAR, FEWEST, HALF, MOST_SAMPLES, WINDOWS
 
-FEWEST = 8  # samples of a window: below, its derivative is no longer smooth
-WINDOWS = 6  # of a trial's length at least
-MOST_SAMPLES = 60_000  # of a recording that are looked at: seconds of computing; the others are of the same kind
+Motion = dict[str, np.ndarray]  # signals by name, and what is known of the window
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,11 @@ def filtered(trial: Sampled, name: str, width: float, order: int = 0) -> np.ndar
     return oaconvolve(trial.signals[name], weights, mode="valid")
 
 
-def noise_gain(trial: Sampled, width: float, order: int = 0) -> float:
-    """Variance of the filtered signal for white noise of variance 1."""
+def noise_gain(trial: Sampled, width: float, order: int = 0, average: float = 0.0) -> float:
+    """Variance of the filtered signal for white noise of variance 1; averaged again over ``average``, s."""
     weights = bump(max(round(width / trial.dt), FEWEST), order) / trial.dt**order
+    if (count := round(average / trial.dt)) > 1:
+        weights = np.convolve(weights, bump(count, 0))
     return float(weights @ weights)
 
 
@@ -104,3 +106,60 @@ def clear(trials: Sequence[Sampled], name: str, sigma: float, width: float, orde
 def pooled(trials: Sequence[Sampled], table: Mapping[str, float]) -> list[Sampled]:
     """The trials that have every signal of a table."""
     return [t for t in trials if all(name in t.signals for name in table)]
+
+
+def smooth_motion(
+    system: System, trials: Sequence[Sampled], sigmas: dict[str, float], wide: bool = False
+) -> list[Motion]:
+    """Every coordinate's position, velocity and acceleration and the inputs, through one window for all.
+
+    Args:
+        wide: through the shorter window that velocities need; what follows is to be averaged over the wide one.
+    """
+    whole = _width(system, trials, sigmas)
+    width = _width(system, trials, sigmas, 1) if wide else whole
+    motions = []
+    for trial in trials:
+        if width is None or whole is None or trial.span < 3 * (whole + wide * width):
+            continue
+        own: Motion = {}
+        for c in system.moving:
+            for k, name in enumerate(c.signals):
+                source = next((j for j in range(k, -1, -1) if c.signals[j] in trial.signals), None)
+                if source is not None:
+                    own[name] = filtered(trial, c.signals[source], width, k - source)
+                elif k < 2 and (above := [j for j in (1, 2) if j > k and c.signals[j] in trial.signals]):
+                    rate = filtered(trial, c.signals[above[0]], width)
+                    for _ in range(above[0] - k):
+                        rate = np.cumsum(rate - (rate.mean() if above[0] == 2 else 0.0)) * trial.dt
+                    own[name] = rate
+            top = max((j for j in range(3) if c.signals[j] in trial.signals), default=None)
+            if top is not None:  # of the noise that the acceleration brings
+                gain = noise_gain(trial, width, 2 - top, whole if wide else 0.0)
+                own[f"_noise_{c.name}"] = np.full(len(own[c.signals[2]]), sigmas[c.signals[top]] ** 2 * gain)
+        for item in system.inputs:
+            if item.name in trial.signals:
+                own[item.name] = filtered(trial, item.name, width)
+        own["_independent"] = np.full(len(next(iter(own.values()))), trial.dt / whole)
+        own["_width"] = np.full(1, max(round(width / trial.dt), FEWEST))
+        own["_average"] = np.full(1, round(whole / trial.dt) if wide else 1)
+        motions.append(own)
+    return motions
+
+
+def _width(system: System, trials: Sequence[Sampled], sigmas: dict[str, float], highest: int = 2) -> float | None:
+    """The shortest window through which accelerations (``highest`` = 1: velocities) and inputs stand clear of noise, or
+    the clearest."""
+    best: tuple[float, float | None] = (0.0, None)
+    wanted = [(c.signals[j], max(highest - j, 0)) for c in system.moving for j in (2, 1, 0) if c.signals[j] in sigmas]
+    seen: dict[str, tuple[str, int]] = {}
+    for name, order in wanted:  # of each coordinate the highest derivative that was measured
+        seen.setdefault(next(c.name for c in system.moving if name in c.signals), (name, order))
+    parts = [*seen.values(), *((i.name, 0) for i in system.inputs if i.name in sigmas)]
+    for width in widths(trials):
+        shares = [clear(trials, name, sigmas[name], width, order)[0] for name, order in parts if sigmas[name] > 0]
+        worst = min(shares, default=1.0)
+        if worst >= CLEAR:
+            return width
+        best = max(best, (worst, width), key=lambda item: item[0])
+    return best[1] if best[0] > HALF else None

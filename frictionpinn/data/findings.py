@@ -1,8 +1,4 @@
-"""What speaks against a recording before anything is learned from it: one line each, with what to do.
-
-Every threshold of :mod:`frictionpinn.data.channels`, ``consistency`` and ``balance`` stands here with its reason. None
-is a count of samples: shares, factors, standard errors and times, which do not change with the sampling rate.
-"""
+"""What speaks against a recording before anything is learned from it: one line each, with what to do."""
 
 from __future__ import annotations
 
@@ -13,26 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.constants import g, inch, lbf
 
+from .thresholds import NAMED, OFF
 from .units import of_dimension, to_si
 
-CLEAR = 0.9  # share of a filtered signal's variance that is no noise: relations of such signals err by a few per cent
-HALF = 0.5  # less of a variance explained, or of what was left: most of it is something else
-SURE = 5.0  # standard errors: by chance once in two million looks, and a recording is looked at some dozen times
-OFF = 1.25  # a sensor is calibrated better; what is less off is for the diagnosis (sensor_scale)
-ANOTHER = 2.0  # times the declared inertia: an undeclared payload is less, this is another mechanism or unit
-EXPLAINED = 0.8  # of the driving force: friction that is neither dry nor viscous, and noise, leave up to a fifth
-INERTIAL = 0.1  # of the force's variance: a damper's force that goes with the acceleration by more moves a mass
-NAMED = 0.05  # how closely a factor is that of a unit
-# Of the time in which a signal changes by its size (3 % of it is wrong at any instant): a delay that matters.
-LATE = 0.03
-HELD = 0.02  # share of the time at a signal's very end by which it counts as clipped: a peak stays there a few samples
-# Share of the range within which samples lie near an end, and how many times as many as these stay at it where it was
-# clipped: a smooth peak's top 2 % holds many samples beside the few that are equal.
-NEAR_END, PILED = 0.02, 3
-LEVELS = 32  # levels between a signal's ends: 5 bits, rounding by 1 % of the range
-TURNS = 4.0  # turns of an angle beyond which degrees are likelier than a wheel
-SLIDING = 0.15  # of the largest slip velocity: faster counts as sliding
-AT_REST = 0.1  # of a signal's root mean square: what moves less stands still
+NO_SLIP = "nothing slips here"  # begins every finding by which no friction can be told, whatever is asked for
 
 FACTORS = {
     1000.0: "1000", 100.0: "100", 10.0: "10", 180 / math.pi: "57.3 (degrees for radians)", 60.0: "60",

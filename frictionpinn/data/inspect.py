@@ -9,7 +9,7 @@ from .channels import channel_findings, slip_findings
 from .check import check_trial
 from .consistency import derivative_findings
 from .filters import sampled
-from .findings import Finding
+from .findings import NO_SLIP, Finding
 from .recording import Recording
 
 
@@ -42,3 +42,9 @@ def inspect(recording: Recording, system: System, inertia_free: bool = False) ->
         if not rates and not any(f.grave for f in findings):
             findings += balance_findings(system, trials, sigmas, inertia_free)
     return sorted(findings, key=lambda f: not f.grave)
+
+
+def no_slip(recording: Recording, system: System) -> str:
+    """Why a recording tells no friction at all: nothing moves where it acts, or only as a spring does; else empty."""
+    found = (f.what for f in inspect(recording, system, inertia_free=False) if f.what.startswith(NO_SLIP))
+    return next(found, "")

@@ -8,12 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from frictionpinn.data.recording import Trial
+from frictionpinn.data.thresholds import FEWEST, JITTER
 from frictionpinn.errors import UserError
 
-# Clocks of recorders jitter, and times are rounded when written; filters need a uniform rate.
-JITTER = 0.05
 _RIPPLE_DB = 0.05
-FEWEST = 8  # samples that a thinned trial must keep
 
 
 def sample_rate(t: np.ndarray, where: str = "t") -> float:

@@ -25,6 +25,8 @@ _SPELLED_OUT = ("meter", "millimeter", "inch", "radian", "degree", "newton", "ki
 # Spellings that pint reads as something else, or not at all.
 _SPELLING = {"Nm": "N*m", "mNm": "mN*m", "kNm": "kN*m", "°/s": "deg/s", "-": "dimensionless", "1": "dimensionless"}
 
+ROTARY = {"m": "rad", "m/s": "rad/s", "m/s^2": "rad/s^2", "N": "N*m"}  # what a linear axis measures, and one that turns
+
 # A pound is a mass to pint; recorders of force write "lb" all the same.
 _AS_FORCE = re.compile(r"\b(?:lbs?|pounds?)\b")
 
@@ -83,12 +85,16 @@ def _matching(unit: str, target: Any, signal_unit: str, where: str) -> Any:
         other = _parse(reading, signal_unit, where)
         if other.dimensionality == target.dimensionality:
             return other
+    turns = (
+        signal_unit in ROTARY and source.dimensionality == registry().parse_units(ROTARY[signal_unit]).dimensionality
+    )
+    rotary = "; an axis that turns, in rad and N m, is system=joint" if turns else ""
     raise UserError(
         f"unit has the wrong dimension: {_dimension(source)} where the signal needs {_dimension(target)}",
         where=where,
         received=repr(unit),
         allowed=_allowed(target),
-        fix="correct the unit, or the column that this signal reads",
+        fix=f"correct the unit, or the column that this signal reads{rotary}",
     )
 
 

@@ -94,7 +94,7 @@ def refitted(
             tested, width = asked[k]
             return add(bench, before, tested, bench.from_coarse if width else [0.0])
 
-        return in_parallel(refit, [1.0] * len(asked))
+        return in_parallel(refit, [1.0] * len(asked), "effects fitted")
 
     tries = [(tested, width) for tested, width, _ in asked]
     made, names = refits(tries), {tested.candidate.name for tested, _ in tries}
@@ -107,13 +107,15 @@ def refitted(
     made += refits(list(again.values()))
     found = _lowest(Contender(t, fit) for (t, _), fit in zip(tries, made, strict=True) if fit is not None)
     rugged = [c for c in found[: settings.followed] if not c.fit.white and c.fit.cost < before.cost]
-    anew = in_parallel(lambda k: bench.anew(rugged[k].fit, reach(rugged[k].tested)), [1.0] * len(rugged))
+    anew = in_parallel(
+        lambda k: bench.anew(rugged[k].fit, reach(rugged[k].tested)), [1.0] * len(rugged), "effects fitted anew"
+    )
     lower = [Contender(c.tested, f) for c, f in zip(rugged, anew, strict=True) if f and f.state.cost < c.fit.state.cost]
     if not lower:
         return on_equal_terms(bench, found, settings)
     best = min(lower, key=lambda c: c.fit.cost)
     others = [c for c in found if c.tested is not best.tested]
-    moved = in_parallel(lambda k: _moved(bench, others[k], best), [1.0] * len(others))
+    moved = in_parallel(lambda k: _moved(bench, others[k], best), [1.0] * len(others), "effects fitted from the best")
     found = _lowest([*found, *lower, *(replace(c, fit=f) for c, f in zip(others, moved, strict=True) if f)])
     return on_equal_terms(bench, found, settings)
 
@@ -128,7 +130,7 @@ def on_equal_terms(bench: Bench, found: Sequence[Contender], settings: Settings)
         others = [fit.locals for fit in best if fit is not c.fit]
         return bench.refit(c.fit, c.fit.names, c.fit.values, limits=reach(c.tested), offered=others)
 
-    made = in_parallel(refit, [1.0] * len(found))
+    made = in_parallel(refit, [1.0] * len(found), "effects fitted from the best")
     return _lowest([*found, *(replace(c, fit=f) for c, f in zip(found, made, strict=True) if f)])
 
 
@@ -254,7 +256,7 @@ def judged(
 
 
 def _surprises(bench: Bench, fits: Sequence[Fit]) -> list[Surprise | None]:
-    return in_parallel(lambda k: surprise(bench, fits[k]), [1.0] * len(fits))
+    return in_parallel(lambda k: surprise(bench, fits[k]), [1.0] * len(fits), "held-out trials judged")
 
 
 def _twins(bench: Bench, before: Fit, head: Contender, twins: Sequence[Tested], settings: Settings) -> list[Contender]:
@@ -267,7 +269,7 @@ def _twins(bench: Bench, before: Fit, head: Contender, twins: Sequence[Tested], 
         there = bench.refit(head.fit, names, values, limits=reach(own), imitating=True)
         return None if there is None else bench.refit(there, names, there.values, limits=reach(own))
 
-    made = in_parallel(refit, [1.0] * len(twins))
+    made = in_parallel(refit, [1.0] * len(twins), "effects that look alike fitted")
     return [
         Contender(t, fit) for t, fit in zip(twins, made, strict=True)
         if fit is not None and fit.cost < head.fit.cost + settings.told_apart

@@ -190,7 +190,7 @@ def diagnose(
     fallback = None
     if verdict.rest is not None and network:
         fallback = train_network(bench, fit, scanned.remaining, probes, where, scanned.sigmas)
-    units = {name: bench.tested.units[name] for name in fit.names}
+    units = {name: bench.tested.read_in[name] for name in fit.names}
     doubts = tuple(gate(bench, accepted, ci95))
     name = NO_VERDICT if doubts else verdict.name
     return Diagnosis(

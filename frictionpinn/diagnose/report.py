@@ -19,7 +19,7 @@ from ..evaluate.picture import save_png
 from ..evaluate.style import INK, readable
 from ..physics.base import CONTACT
 from ..physics.mechanism import Mechanism
-from ..show import LOOKS
+from ..show import LOOKS, readable_unit
 from .diagnosis import Diagnosis
 from .errors import RESIDUAL, main_signal
 from .verdict import FOUND, NO_VERDICT, NOTHING, PARTLY, UNEXPLAINED, Unexplained
@@ -133,7 +133,7 @@ def write_page(path: Path, result: Mapping[str, Any], words: str, mathml: str, f
     images = {p.stem: base64.b64encode(p.read_bytes()).decode() for p in figures}
     page = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
     text = page.render(r=result, headline=words, mathml=mathml, images=images, number=number, span=span, share=share,
-                       looks=LOOKS)  # fmt: skip
+                       unit=readable_unit, looks=LOOKS)  # fmt: skip
     path.write_text(text, encoding="utf-8")
 
 

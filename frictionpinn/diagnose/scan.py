@@ -128,7 +128,7 @@ def scan(
     runs = bench.simulate(fit, strict=True)
     place = _Place(bench, fit, names, rows, known, noise, sizes, runs)
 
-    tested = in_parallel(lambda k: place.test(options[k]), [len(c.grid) for c in options])
+    tested = in_parallel(lambda k: place.test(options[k]), [len(c.grid) for c in options], "effects tested")
     left, _, lengths = place.left(place.at_hand(bumps), bumps)
     remaining = []
     normals = Normal.each([own for *_, own in variables], left) if variables else []

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..identify.uncertainty import UNTOLD, interval
+from ..progress import Steps
 from .bench import Bench
 from .candidates import Candidate, Remainder, impossible
 from .contenders import Contender, Refused, Settings, cosine, judged, needed, refitted
 from .fit import Fit
 from .scan import Scanned, Tested, scan
 from .score import ALIKE
-
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,7 @@ def select(
     chance = settings.log_p - float(np.log10(max(len(options), 1)))
     banned: set[str] = set()  # what came and had to go again
     scanned = tested(bench.base, ())
-    selection = Selection(bench.base, bench.base, scanned, scanned)
+    selection, rounds = Selection(bench.base, bench.base, scanned, scanned), Steps(settings.most, most=True)
     while len(selection.accepted) < settings.most:
         before = selection.fit
         asked = [(t, 0.0, group) for t, group in _heads(selection.last.tested, banned, chance, settings)]
@@ -132,7 +130,7 @@ def select(
         banned |= {r.candidate.name for r in dropped}
         if selection.accepted:
             selection.fits[selection.accepted[-1].candidate.name] = selection.fit
-        log.info(f"  added so far: {', '.join(a.candidate.name for a in selection.accepted) or 'nothing'}")
+        rounds.finish(f"  added so far: {', '.join(a.candidate.name for a in selection.accepted) or 'nothing'}")
     return selection
 
 

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from sklearn.linear_model import OrthogonalMatchingPursuit
 
+from ..data.findings import NO_SLIP
+from ..data.inspect import no_slip
 from ..identify.result import NO_EXCITATION
 from .bench import Bench
 from .candidates import Remainder
@@ -125,8 +127,10 @@ def gate(bench: Bench, accepted: Sequence[Accepted], ci95: Mapping[str, tuple[fl
         ci95: 95 % intervals of the parameters.
     """
     reasons = []
-    if bench.estimate.outcome == NO_EXCITATION:
-        reasons.append("nothing slips here: no friction can be told")
+    if why := no_slip(bench.problem.recording, bench.mechanism.system):
+        reasons.append(why)
+    elif bench.estimate.outcome == NO_EXCITATION:
+        reasons.append(f"{NO_SLIP}: no friction can be told")
     table = {par.name: par for par in bench.tested.parameters}
     for a in accepted:
         spans = [(table[name].neutral, ci95[name]) for name in a.candidate.strengths if name in ci95]

@@ -8,6 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from ..show import Table
 from .style import INK, readable
 
 LABELS = {
@@ -68,9 +69,8 @@ def _cell(found: tuple[float, float, float] | None) -> str:
 
 def table(result: Mapping[str, Any]) -> str:
     """The table for a terminal."""
-    cells = list(rows(result))
-    widths = [max(len(row[k]) for row in cells) for k in range(len(cells[0]))]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
+    heads, *body = rows(result)
+    lines = [Table(tuple(heads), tuple(map(tuple, body))).text()]
     note = f"median [lowest, highest] over {len(result['seeds'])} seeds; force error: held-out trial simulated"
     lines.append(note + "; complete: every parameter was found")
     if result.get("start") is not None:

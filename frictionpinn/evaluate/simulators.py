@@ -24,6 +24,7 @@ from ..numerics.simulation import ContactLost, Simulation, SimulationFailed, Ste
 from ..numerics.torch_functions import contact_signals
 from ..physics import LAWS, System
 from ..physics.mechanism import Mechanism
+from ..progress import Steps as Progress
 from .mjcf import pob_mjcf
 from .yardsticks import Candidate
 
@@ -89,7 +90,10 @@ def fit(run: Run, table: Mapping[str, Option], system: System, train: Sequence[C
     def values(u: np.ndarray) -> dict[str, float]:
         return dict(zip(table, np.exp(np.clip(u, low, high)).tolist(), strict=True))
 
+    steps = Progress(EVALUATIONS, "simulations of the training trials")
+
     def cost(u: np.ndarray) -> float:
+        steps.step()
         errors = []
         for trial, path in zip(train, paths, strict=True):
             y0 = {name: float(trial.smoothed[name][0]) for c in mechanism.free for name in c.signals[:2]}

@@ -15,6 +15,7 @@ from ..numerics.paths import InputPath
 from ..numerics.simulation import ContactLost, Simulation, SimulationFailed
 from ..physics import LAWS, System
 from ..physics.mechanism import Mechanism
+from ..progress import Steps
 from .style import squared
 from .yardsticks import Candidate
 
@@ -125,6 +126,7 @@ def compare(
     """Errors of every candidate on every trajectory, and the simulations, by trajectory and candidate."""
     errors: dict[str, Any] = {}
     runs: dict[str, dict[str, Simulation | str]] = {}
+    steps = Steps(len(trajectories) * len(candidates), "methods compared")
     for trajectory in trajectories:
         table = errors[trajectory.name] = {}
         runs[trajectory.name] = {}
@@ -135,4 +137,5 @@ def compare(
             if candidate.simulate is not None:
                 runs[trajectory.name][key] = simulate(candidate, trajectory)
                 table[key]["in_simulation"] = simulation_error(runs[trajectory.name][key], trajectory)
+            steps.step()
     return errors, runs

@@ -30,6 +30,7 @@ from ..numerics.simulate import ContactLost, SimulationFailed
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.base import plain_name
 from ..physics.mechanism import Mechanism
+from ..progress import counted
 from .problem import Problem
 from .result import Estimate, Minimum
 from .solve import (
@@ -147,7 +148,11 @@ def minima_around(
     begun = [(replace(found.state, u=np.clip(found.state.u + step, low, high)), own) for step, own in steps]
     begun += [(state, widths[-1:]) for state in beginnings(problem, found.state)]
 
-    made = in_parallel(lambda k: coarse_to_fine(evaluate, begun[k][0], (low, high), begun[k][1]), [1.0] * len(begun))
+    def followed(k: int) -> Solution | None:
+        first, own = begun[k]
+        return coarse_to_fine(evaluate, first, (low, high), own)
+
+    made = in_parallel(followed, [1.0] * len(begun), "minima around the fit")
     ends = sorted([found, *(end for end in made if end is not None)], key=lambda end: end.state.cost)
     offered = carried([*others, *(end.state for end in ends[1:])], ends[0].state.u, (low, high))
     best = assembled(evaluate, ends[0], offered, (low, high))
@@ -182,7 +187,7 @@ def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, fl
     limits, widths = problem.space.limits, problem.resolutions
     distinct: list[State] = []
     coarse: list[Found] = []
-    for start in starts:
+    for start in counted(starts, "whole trials, coarsely"):
         poor = start.state.cost > starts[0].state.cost + RIVAL and start.reason != GIVEN
         if poor or any(_alike(start.state, other) for other in distinct):
             continue
@@ -193,7 +198,7 @@ def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, fl
             coarse += [] if found is None else [(found, begun[1])]
     coarse.sort(key=lambda pair: pair[0].state.cost)
     ends: list[Found] = []
-    for k, (first, models) in enumerate(coarse):
+    for k, (first, models) in enumerate(counted(coarse, "whole trials, to the sample")):
         lowest = coarse[0][0].state
         if k and (first.state.cost > lowest.cost + AS_NEAR or _alike(first.state, lowest)):
             continue
@@ -224,7 +229,7 @@ def _settled(
     limits = problem.space.limits
     if len(problem.given) == len(problem.sigmas):
         return levenberg_marquardt(problem.evaluator(models, sigmas), solution.state, limits, iterations=20), sigmas
-    for left in reversed(range(NOISE_ROUNDS)):
+    for left in counted(range(NOISE_ROUNDS)[::-1], "noise levels"):
         new = _sigmas_of(problem, models, solution.state)
         change = max(abs(np.log(new[name] / sigmas[name])) for name in new)
         sigmas = new

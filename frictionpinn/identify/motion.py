@@ -12,7 +12,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
-from ..data.findings import SLIDING
+from ..data.thresholds import SLIDING
 from ..numerics.motion_function import motion_function
 from ..numerics.smoothing import Coordinate
 from ..numerics.spline_basis import smooth_together

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import UserError
+from ..show import readable_unit
 from .problem import Problem
 from .result import Estimate
 from .solve import Evaluate, State, invert, levenberg_marquardt, moved, reduced
@@ -36,7 +37,8 @@ class Profile:
     def __str__(self) -> str:
         low, high = self.ci95
         rows = "\n".join(f"  {v:.5g} {c:.2f}" for v, c in zip(self.values, self.cost, strict=True))
-        return f"{self.name} in [{low:.4g}, {high:.4g}] {self.unit} (95 %); value, rise of the cost:\n{rows}"
+        unit = readable_unit(self.unit)
+        return f"{self.name} in [{low:.4g}, {high:.4g}] {unit} (95 %); value, rise of the cost:\n{rows}"
 
 
 def profile(problem: Problem, estimate: Estimate, name: str) -> Profile:
@@ -99,4 +101,4 @@ def profiled(problem: Problem, evaluate: Evaluate, state: State, name: str, rise
         ends[0] = float(np.interp(rise, costs[[below[-1] + 1, below[-1]]], values[[below[-1] + 1, below[-1]]]))
     if len(beyond := above[above > best]):
         ends[1] = float(np.interp(rise, costs[[beyond[0] - 1, beyond[0]]], values[[beyond[0] - 1, beyond[0]]]))
-    return Profile(name, problem.mechanism.units[name], values, costs, (ends[0], ends[1]))
+    return Profile(name, problem.mechanism.read_in[name], values, costs, (ends[0], ends[1]))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..data.inspect import no_slip
 from ..physics.base import at_contact, plain_name
 from ..show import Shown, Table, interval, readable_unit
 from .problem import Problem
@@ -79,7 +80,7 @@ class Estimate(Shown):
         estimator: "maximum_likelihood", "nelder_mead", ...
         names: free parameters, in the mechanism's order.
         values: name -> estimate, SI units; NaN only where the estimation failed.
-        units: name -> SI unit.
+        units: name -> SI unit; "N*m at a preload of 1" of a friction coefficient that stands for the friction itself.
         covariance: of the estimates, SI units, shape (n, n); NaN rows where there is none.
         ci95: name -> 95 % interval of the data alone; that of a positive parameter is symmetric in its logarithm, or
             where it is told poorly that of its profile: from 0 or to infinity where the data do not bound it.
@@ -168,7 +169,8 @@ class Estimate(Shown):
         width = max(map(len, self.names))
         for name in self.names:
             low, high = self.ci95[name]
-            lines.append(f"  {name:{width}s} {self.values[name]:.6g} [{low:.4g}, {high:.4g}] {self.units[name]}")
+            told = f"  {name:{width}s} {self.values[name]:.6g} [{low:.4g}, {high:.4g}]"
+            lines.append(f"{told} {readable_unit(self.units[name])}".rstrip())
         return "\n".join([*lines, *("  " + sentence for sentence in self.advice)])
 
 
@@ -217,7 +219,10 @@ def verdict(
         at: max(float(np.abs(motion.slips[at]).max()) for motion in problem.motions) if slides else 0.0
         for at in problem.motions[0].slips
     }
-    if not slides:
+    still = no_slip(problem.recording, problem.mechanism.system)
+    if still:
+        result.append(f"{still}: increase the excitation until it breaks loose")
+    elif not slides:
         result.append("the contact hardly slides in this recording: increase the excitation until it does")
     open_ended = False
     for i, (name, lower) in enumerate(zip(space.names, space.below, strict=True)):
@@ -263,7 +268,7 @@ def verdict(
     outcome = CONVERGED if reason in ("converged", "stuck") else STOPPED
     outcome = outcome if white else UNEXPLAINED
     outcome = AT_BOUND if at_bound else UNIDENTIFIED if hidden or open_ended else outcome
-    outcome = outcome if slides and len(hidden) < len(p) else NO_EXCITATION
+    outcome = outcome if slides and not still and len(hidden) < len(p) else NO_EXCITATION
     return outcome, tuple(result)
 
 

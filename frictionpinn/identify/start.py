@@ -191,7 +191,8 @@ def search(
         first = evaluate(us[k], locals_, True)
         return None if first is None else refined(first, min(iterations, BEGUN))
 
-    found = [solution for solution in in_parallel(begun, [1.0] * len(us)) if solution is not None]
+    begun_ = in_parallel(begun, [1.0] * len(us), "starts begun")
+    found = [solution for solution in begun_ if solution is not None]
     least = min((solution.state.cost for solution in found), default=np.inf)
 
     def finished(k: int) -> Solution:
@@ -199,7 +200,8 @@ def search(
             return found[k]
         return refined(found[k].state, iterations - BEGUN)
 
-    return sorted(in_parallel(finished, [1.0] * len(found)), key=lambda solution: solution.state.cost)
+    ends = in_parallel(finished, [1.0] * len(found), "starts refined")
+    return sorted(ends, key=lambda solution: solution.state.cost)
 
 
 def lowest(
@@ -220,7 +222,8 @@ def lowest(
             state = evaluator(which)(us[ks[i]], [locals_[j] for j in which], False, **SLOPPY) if which else None
             return state.cost if state is not None else np.inf if which else 0.0
 
-        return list(zip(in_parallel(cost, [1.0] * len(ks)), ks, strict=True))
+        what = "starts tried" if which is some else ""
+        return list(zip(in_parallel(cost, [1.0] * len(ks), what), ks, strict=True))
 
     begun = sorted(item for item in costs(some, range(len(us))) if np.isfinite(item[0]))
     ranked: list[tuple[float, int]] = []

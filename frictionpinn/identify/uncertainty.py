@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..numerics.whiteness import correlation_time
+from ..progress import counted
 from .culprit import culprit
 from .problem import Problem
 from .profile import RISE_95, profiled
@@ -185,7 +186,7 @@ def finish(
     slides = any(motion.fast.any() for motion in problem.motions)
     evaluate = problem.evaluator(minimum.models, sigmas, prior=False)
     ci95, errors = {}, np.sqrt(np.diag(covariance))
-    for i, name in enumerate(names):
+    for i, name in enumerate(counted(names, "intervals")):
         least, most = interval(p[i], errors[i], bool(positive[i]))
         ci95[name] = max(least, table[name].low), min(most, table[name].high)
         blunt = positive[i] and not errors[i] < SHARP * space.own(state.u)[i]
@@ -198,7 +199,7 @@ def finish(
     hidden = [names[i] for i in np.flatnonzero(mask)]
     outcome, advice = verdict(problem, minimum.reason, p, covariance, ci95, hidden, at_limit, at_bound, memory, white)
     return Estimate(
-        ESTIMATOR, names, value, {name: problem.mechanism.units[name] for name in names}, covariance, ci95, outcome,
+        ESTIMATOR, names, value, {name: problem.mechanism.read_in[name] for name in names}, covariance, ci95, outcome,
         advice, state.cost, simulations, seconds, sigmas,
         {model.trial: piece.residuals for model, piece in zip(minimum.models, state.pieces, strict=True)},
         problem.prior.about, minimum,
@@ -211,7 +212,7 @@ def failed(problem: Problem, seconds: float, simulations: int) -> Estimate:
     why = culprit(problem) or "check bounds, units and the mechanism's parameters"
     advice = f"no start within the bounds could be simulated: {why}"
     return Estimate(
-        ESTIMATOR, names, dict.fromkeys(names, nan), {name: problem.mechanism.units[name] for name in names},
+        ESTIMATOR, names, dict.fromkeys(names, nan), {name: problem.mechanism.read_in[name] for name in names},
         np.full((len(names), len(names)), nan), dict.fromkeys(names, (nan, nan)), FAILED, (advice,), nan, simulations,
         seconds, dict(problem.sigmas),
     )  # fmt: skip

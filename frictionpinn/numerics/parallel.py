@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+from ..progress import Steps
+
 T = TypeVar("T")
 WORKERS = max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
 _POOL = ThreadPoolExecutor(max_workers=max(1, WORKERS - 1))  # beside the thread that asks
@@ -16,12 +18,13 @@ _LOCK = threading.Lock()
 _helping = 0
 
 
-def in_parallel(work: Callable[[int], T], loads: Sequence[float]) -> list[T]:
+def in_parallel(work: Callable[[int], T], loads: Sequence[float], what: str = "") -> list[T]:
     """[work(0), work(1), ...] on all cores, the largest load first, whoever is free takes the next.
 
     Work may be parallel itself: its parts are shared only with cores that have nothing else to do, since whole fits
-    side by side wait less for one another than the parts of one fit.
+    side by side wait less for one another than the parts of one fit. ``what`` the work is tells those who wait.
     """
+    steps = Steps(len(loads), what) if what else None
     waiting = deque(sorted(range(len(loads)), key=lambda k: -loads[k]))
     found: dict[int, T] = {}
 
@@ -33,6 +36,8 @@ def in_parallel(work: Callable[[int], T], loads: Sequence[float]) -> list[T]:
                 except IndexError:  # another was quicker
                     return
                 found[k] = work(k)
+                if steps is not None:
+                    steps.step()
         except BaseException:
             waiting.clear()
             raise

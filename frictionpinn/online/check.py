@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import UserError, nearest
 from ..physics.mechanism import Mechanism
+from ..show import readable_unit
 
 
 def finite(value: object) -> bool:
@@ -45,7 +46,7 @@ def parameter_vector(mechanism: Mechanism, names: Sequence[str], given: Mapping[
             raise UserError("parameter without a finite value", where=f"parameters.{name}", received=value)
         if not par.low <= float(value) <= par.high:  # type: ignore[arg-type]
             raise UserError("parameter out of its physical range", where=f"parameters.{name}", received=value,
-                            allowed=f"{par.low:g} to {par.high:g} {par.unit}")  # fmt: skip
+                            allowed=f"{par.low:g} to {par.high:g} {readable_unit(par.unit)}")  # fmt: skip
     return np.array([float(values[name]) for name in names])  # type: ignore[arg-type]
 
 

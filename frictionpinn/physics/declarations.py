@@ -10,6 +10,7 @@ import numpy as np
 import sympy as sp
 
 from ..errors import UserError, nearest
+from ..show import readable_unit
 
 if TYPE_CHECKING:
     from .system import System
@@ -105,8 +106,8 @@ def check_value(system: System, name: str, value: float) -> None:
         raise UserError(
             f"{par.text} out of its physical range",
             where=where,
-            received=f"{value} {par.unit}",
-            allowed=f"{par.low:g} to {par.high:g} {par.unit}" + (" (not 0)" if "kg" in par.unit else ""),
+            received=f"{value} {readable_unit(par.unit)}",
+            allowed=f"{par.low:g} to {par.high:g} {readable_unit(par.unit)}" + (" (not 0)" if "kg" in par.unit else ""),
             fix="give the measured value in SI units",
         )
 

@@ -14,7 +14,7 @@ import sympy as sp
 
 from ..errors import UserError, nearest
 from ..show import Shown, Table, readable_unit
-from .base import SESSION, TIME, TRIAL, Contact, FrictionLaw, Parameter
+from .base import MU_C, MU_S, SESSION, TIME, TRIAL, Contact, FrictionLaw, Parameter
 from .contact_friction import ContactFriction
 from .contacts import laws_of
 from .effect import Effect, State
@@ -65,6 +65,18 @@ class Mechanism(Shown):
         """SI unit of every parameter on this system."""
         return {par.name: self.system.unit(par) for par in self.parameters}
 
+    @property
+    def read_in(self) -> dict[str, str]:
+        """Units in which people read the parameters: SI, a friction coefficient in that of the force where a preload
+        of 1 stands for a normal force that nobody knows."""
+        units = self.units
+        for par in (MU_C, MU_S):
+            for name in (n for n in units if n.rpartition(".")[2] == par.name):
+                contact = self.system.at(name.rpartition(".")[0]) if "." in name else self.system
+                if self.system.values.get(str(contact.N)) == 1.0:
+                    units[name] = f"{contact.force_unit} at a preload of 1"
+        return units
+
     @cached_property
     def p(self) -> SimpleNamespace:
         """Symbols of the parameters."""
@@ -73,7 +85,8 @@ class Mechanism(Shown):
     def tables(self) -> list[Table]:
         """Its parameters with their values, where they are known, and the signals that a recording may hold."""
         known = {par.name: par.value for par in self.parameters} | self.system.values
-        rows = [(p.name, known[p.name], readable_unit(self.units[p.name]), p.text) for p in self.parameters]
+        units = {name: readable_unit(unit) for name, unit in self.read_in.items()}
+        rows = [(p.name, known[p.name], units[p.name], p.text) for p in self.parameters]
         signals = ", ".join(f"{name} ({readable_unit(unit)})" for name, unit in self.system.signal_units.items())
         title = f"{self.name}: {self.system.title} with {self.law.name} friction"
         return [Table(("parameter", "value", "unit", ""), tuple(rows), title, (f"signals: {signals}",))]
@@ -100,7 +113,7 @@ class Mechanism(Shown):
         for name, value in values.items():
             par, number = table[name], isinstance(value, Real) and not isinstance(value, bool)
             if not number or not math.isfinite(value) or not par.low <= value <= par.high:  # type: ignore[arg-type, operator]
-                unit = "" if par.unit == "1" else f" {par.unit}"
+                unit = "" if par.unit == "1" else f" {readable_unit(par.unit)}"
                 raise UserError("impossible value", where=f"{where}.{name}", received=value,
                                 allowed=f"a number from {par.low:g} to {par.high:g}{unit}")  # fmt: skip
 

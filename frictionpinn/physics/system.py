@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import sympy as sp
 
 from ..errors import UserError, nearest
+from ..show import readable_unit
 from .base import TIME, Parameter, contact_of
 from .declarations import Coordinate, FrictionalContact, Input, check_imposed, check_value, checked_driven
 
@@ -85,7 +86,9 @@ class System:
             self.massless = True
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{par.name} = {self.values[par.name]:g} {par.unit}" for par in self.parameters)
+        values = ", ".join(
+            f"{par.name} = {self.values[par.name]:g} {readable_unit(par.unit)}" for par in self.parameters
+        )
         return f"{self.name}, {self.title}: {values}"
 
     # what a subclass says ------------------------------------------------------------------------------------

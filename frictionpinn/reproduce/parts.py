@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import check_processes, choose
+from ..progress import Steps
 from ..workflow.build import Config
 from ..workflow.manifest import write_json
 from ..workflow.provenance import commit, versions
@@ -47,8 +48,9 @@ def reproduce(cfg: Config) -> Path:
     for folder in (results, pages):
         folder.mkdir(parents=True, exist_ok=True)
     with hushed():
+        steps = Steps(len(cfg["parts"]))
         for name in cfg["parts"]:
-            _run(name, cfg, results)
+            steps.finish(_run(name, cfg, results))
     for path in results.iterdir():
         shutil.copy(path, pages)
     target.write_text(document(pages), encoding="utf-8")
@@ -56,16 +58,15 @@ def reproduce(cfg: Config) -> Path:
     return target
 
 
-def _run(name: str, cfg: Config, results: Path) -> None:
-    """One part, unless it is finished."""
+def _run(name: str, cfg: Config, results: Path) -> str:
+    """One part, unless it is finished; says what became of it."""
     path, setting = results / f"{name}.json", {"name": cfg["setting"]["name"], **cfg["setting"][name]}
     if path.is_file() and not cfg["again"] and read(path)["setting"] == setting:
-        log.info(f"{name}: finished before, {path}")
-        return
+        return f"{name}: finished before, {path}"
     begin = time.perf_counter()
     log.info(f"{name}: running")
     found = PARTS[name](cfg["setting"], Path(cfg["runs"]), results, int(cfg["jobs"]))
     seconds = round(time.perf_counter() - begin, 1)
     told = {"part": name, "setting": setting, "seconds": seconds, "versions": versions(), "commit": commit()}
     write_json(path, told | found)
-    log.info(f"{name}: {path} after {seconds:.0f} s")
+    return f"{name}: {path} after {seconds:.0f} s"

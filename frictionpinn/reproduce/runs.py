@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..models.ensemble import ALONE
+from ..progress import Steps
 from ..workflow.build import Config
 from ..workflow.estimate import default_config
 from ..workflow.evaluate import evaluate
@@ -53,8 +54,8 @@ def training(cfg: Config, model: str, seed: int) -> tuple[str, ...]:
 def finish_all(runs: Iterable[Run], jobs: int) -> list[tuple[Config, list[Config]]]:
     """:func:`finish` of every run; trainings that differ by their seed alone run as one program, which is quicker."""
     items = list(runs)
-    each(_train_together, _groups(items), jobs)
-    return each(finish, items, jobs)
+    each(_train_together, _groups(items), jobs, "trainings, several seeds together")
+    return each(finish, items, jobs, "trainings and evaluations")
 
 
 def _groups(runs: Iterable[Run]) -> list[list[tuple[Path, Config]]]:
@@ -119,13 +120,21 @@ def read(path: Path) -> Config:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def each(work: Callable[[T], R], items: Iterable[T], jobs: int) -> list[R]:
-    """[work(item), ...] in processes of their own, one thread each, where there is more than one job."""
-    tasks = list(items)
+def each(work: Callable[[T], R], items: Iterable[T], jobs: int, what: str = "estimations") -> list[R]:
+    """[work(item), ...] in processes of their own, one thread each, where there is more than one job; ``what`` they
+    are tells those who wait."""
+    tasks, found = list(items), []
+    steps = Steps(len(tasks), what)
     if jobs < 2 or len(tasks) < 2:
-        return [work(task) for task in tasks]
+        for result in map(work, tasks):
+            found.append(result)
+            steps.step()
+        return found
     with one_thread(), ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=hush) as pool:
-        return list(pool.map(work, tasks))
+        for result in pool.map(work, tasks):
+            found.append(result)
+            steps.step()
+    return found
 
 
 def hush() -> None:

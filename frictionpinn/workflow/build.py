@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from ..data.check import check_trial
-from ..data.findings import OFF
 from ..data.noise import GaussianNoise, Noise, NoNoise, OutlierNoise, QuantisedNoise
 from ..data.prepare import resample, thin
 from ..data.read import read_recording
 from ..data.recording import Recording
 from ..data.sets import load_public
 from ..data.simulated import simulate_recording
+from ..data.thresholds import OFF
 from ..errors import UserError, choose, nearest
 from ..numerics.kalman import KalmanFilter, KalmanSmoother
 from ..numerics.smoothing import NoSmoothing, SavitzkyGolay, Smoother, SmoothingSpline
@@ -154,6 +154,7 @@ def _from_files(cfg: Config, system: System) -> Recording:
     columns = mapping(cfg, "columns", "data")
     if cfg.get("columns") is None:
         columns = {name: name for name in known if name in present}
+    if cfg.get("columns") is None or "t" in present:
         columns.setdefault("t", "t")
     if trial_column not in (None, "trial", *present):
         raise UserError("unknown column", where="data.trial_column", received=repr(trial_column),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import torch
 from ..errors import UserError
 from ..models import FrictionEnsemble, FrictionModel
 from ..models.base import Batch
+from ..progress import SHORT, in_words
 
 log = logging.getLogger(__name__)
 
@@ -99,10 +101,12 @@ class Progress(L.Callback):
 
     def __init__(self, every: int = 10):
         self.every = max(int(every), 1)
+        self.began, self.first = 0.0, 0
         self.bar: Any = None
         self.task: Any = None
 
     def on_train_start(self, trainer, pl_module) -> None:
+        self.began, self.first = time.perf_counter(), trainer.current_epoch
         if not sys.stderr.isatty():
             return
         from rich.console import Console
@@ -125,7 +129,9 @@ class Progress(L.Callback):
             if done % self.every == 0 or done == total:
                 self.bar.update(self.task, completed=done, description=f"loss {float(pl_module.parts['loss']):.4g}")
         elif done % max(total // 5, 1) == 0:
-            log.info("epoch %d of %d: loss %.4g", done, total, float(pl_module.parts["loss"]))
+            rest = (time.perf_counter() - self.began) / max(done - self.first, 1) * (total - done)
+            left = f", about {in_words(rest)} left" if rest > SHORT else ""
+            log.info("epoch %d of %d%s: loss %.4g", done, total, left, float(pl_module.parts["loss"]))
 
     def _stop(self) -> None:
         if self.bar is not None:

@@ -18,9 +18,9 @@ from omegaconf import DictConfig, OmegaConf
 
 from .. import __version__
 from ..errors import UserError, choose
+from ..progress import clock
 from . import cli
 from .configs import CONF, with_extensions
-from .progress import clock
 
 Act = Callable[[dict[str, Any], Path], Any]  # takes the resolved configuration and the folder of the run
 

@@ -22,6 +22,8 @@ from ..errors import UserError, choose
 from ..identify.result import plain
 from ..physics.effects import EFFECTS
 from ..physics.mechanism import Mechanism
+from ..progress import shorter
+from ..show import readable_unit
 from .build import (
     Config,
     build_friction,
@@ -84,6 +86,7 @@ def examine(cfg: Config, mechanism: Mechanism, recording: Recording) -> Diagnosi
     wanted = {key: options[key] for key in ("inputs", "initial", "windows", "free", "loss")}
     friction = {key: law_table(cfg["friction"], key, mechanism.law) for key in ("start", "bounds", "fixed")}
     effects = None if options["effects"] == "all" else options["effects"]
+    shorter(_shorter(fitted, options))
     d = run_diagnosis(
         mechanism, fitted, held_out, effects=effects, settings=settings, start=friction["start"] or None,
         bounds=friction["bounds"], fixed=friction["fixed"], network=options["fallback"] == "network", **wanted,
@@ -117,14 +120,16 @@ def report(d: Diagnosis, cfg: Config, folder: Path) -> dict[str, Any]:
     for sentence in d.declared.advice:
         log.info(f"  the declared model's fit: {sentence}")
     for effect in result["effects"]:
+        log.info(f"  {effect['name']}: {effect['is']}")
         for name, p in effect["parameters"].items():
-            unit = "" if p["unit"] == "1" else f" {p['unit'].replace('*', ' ')}"
-            log.info(f"  {effect['name']}: {name} = {p['value']:.4g}{unit} [{span(p['ci95'])}]")
+            value = f"{p['value']:.4g} {readable_unit(p['unit'])}".rstrip()
+            log.info(f"  {effect['name']}: {name} = {value} [{span(p['ci95'])}]")
     if d.network is not None:
         error = result["unexplained"]["network"]["error"]
         log.info(
             f"  a network of {d.network.effect.variable} in its place: {error['quantity']} {error['before']:.4g} -> "
-            f"{error['after']:.4g} {error['unit']} (noise {error['noise_floor']:.4g}); part of the augmented model"
+            f"{error['after']:.4g} {readable_unit(error['unit'])} (noise {error['noise_floor']:.4g}); "
+            "part of the augmented model"
         )
     log.info(f"result.json, figures, the augmented model and the page report.html are in {folder}")
     log.info(f"next: {next_step(d, folder)}")
@@ -154,6 +159,7 @@ def as_dict(d: Diagnosis) -> dict[str, Any]:
         names = [n for n in (*a.candidate.strengths, *a.candidate.hidden) if n in d.values]
         effects.append({
             "name": a.candidate.effect,
+            "is": in_words(a.candidate.effect),
             "group": a.candidate.group,
             "parameters": {n: {"value": d.values[n], "unit": units[n], "ci95": [plain(x) for x in d.ci95[n]]}
                            for n in names},
@@ -207,6 +213,13 @@ def _network(d: Diagnosis) -> dict[str, Any] | None:
             "errors": net.errors}  # fmt: skip
 
 
+def in_words(name: str) -> str:
+    """What an effect is and where it occurs, as its docstring says; empty of one that has none."""
+    told = EFFECTS[name].said() if name in EFFECTS else {}
+    occurs = f"Occurs: {told['occurs']}" if told.get("occurs") else ""
+    return " ".join(filter(None, [told.get("equation", ""), occurs]))
+
+
 def separate(name: str, others: list[str]) -> str:
     """The experiments that show an effect and those that it is not told apart from."""
     if not others:
@@ -249,6 +262,13 @@ def chosen_signals(recording: Recording, names: list[str] | None) -> Recording:
         choose(name, dict.fromkeys(present), "diagnose.signals")
     trials = [replace(t, signals={n: y for n, y in t.signals.items() if n in names}) for t in recording.trials]
     return replace(recording, trials=tuple(trials))
+
+
+def _shorter(fitted: Recording, options: Config) -> str:
+    """Why a diagnosis is long, and what makes it shorter."""
+    ways = ["data.rate_hz", *([] if options["inputs"] == "fixed" else ["diagnose.inputs=fixed where inputs are clean"]),
+            *(["diagnose.effects=[...]"] if options["effects"] == "all" else []), "diagnose.most=1"]  # fmt: skip
+    return f"{len(fitted)} samples are simulated anew for every effect that is tried; shorter with {', '.join(ways)}"
 
 
 def checked(cfg: Config) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from ..identify.likelihood import maximum_likelihood
 from ..identify.problem import Problem
 from ..identify.result import CONVERGED, Estimate
 from ..physics.mechanism import Mechanism
+from ..progress import shorter
 from .build import Config, build_smoothing
 from .configs import CONF, Configs
 from .experiment import build_model
@@ -66,6 +67,8 @@ def estimate(
     if method in NETWORKS:
         return network(method, mechanism, recording, start, seed, epochs, options)
     problem = Problem(mechanism, recording, **options)
+    noisy = "" if options.get("inputs") == "fixed" else ", noisy inputs estimated, too (else inputs=fixed)"
+    shorter(f"{len(recording)} samples{noisy}; fewer samples (data.rate_hz) make it shorter")
     if method == "maximum_likelihood":
         return maximum_likelihood(problem, start=start)
     return search(method, problem, start=start, seed=seed, simulations=simulations)
@@ -125,7 +128,7 @@ def network(
         variant,
         names,
         {name: values[name] for name in names},
-        {name: mechanism.units[name] for name in names},
+        {name: mechanism.read_in[name] for name in names},
         np.full((len(names), len(names)), nan),
         dict.fromkeys(names, (nan, nan)),
         CONVERGED,

@@ -27,12 +27,12 @@ from ..physics import LAWS, System, extensions
 from ..physics.base import beside, plain_name
 from ..physics.contacts import by_parameter, law_named, laws_of
 from ..physics.mechanism import Mechanism
+from ..progress import Steps
 from .build import Config, build_friction, build_noise, build_recording, build_system, law_table, seed_of
 from .configs import called
 from .estimate import ESTIMATORS, NETWORKS, estimate, given_start
 from .experiment import build_data
 from .manifest import write_json
-from .progress import Steps
 from .provenance import commit, versions
 from .threads import one_thread, silent
 from .train import quiet
@@ -83,7 +83,7 @@ def compare(cfg: Config) -> dict[str, Any]:
     law = build_friction(cfg["friction"], system)
     shown = LAWS["lugre"]() if law.name == "lugre_tied" and len(system.contacts) == 1 else law
     names = [par.name for par in shown.parameters if not par.value]
-    units = Mechanism(system, law).units | Mechanism(system, shown).units
+    units = Mechanism(system, law).read_in | Mechanism(system, shown).read_in
     return {
         "system": system.name,
         "friction": law.name,

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from ..progress import SHORT, in_words
+from ..show import readable_unit
 from .manifest import MANIFEST, read_json, result_of, set_status, status_of
 from .threads import THREADS
 
@@ -115,9 +117,17 @@ def train_job(cfg: dict[str, Any], folder: str | Path) -> Outcome:
     if result is None:
         return Outcome(None, f"{label}: {status.get('error', UNWRITTEN)}")
     error = result["force_error"]
-    text = f"{error['model']['rmse']:.4g} {error['unit']['rmse']} rms"
-    line = f"{label}: force error {text}, {time.perf_counter() - begin:.1f} s"
-    return Outcome(float(error["model"]["rmse"]), line)
+    text = f"{error['model']['rmse']:.4g} {readable_unit(error['unit']['rmse'])} rms"
+    spent = time.perf_counter() - begin
+    return Outcome(float(error["model"]["rmse"]), f"{label}: force error {text}, {spent:.1f} s{_left(folder, spent)}")
+
+
+def _left(folder: Path, seconds: float) -> str:
+    """How long the sweep may still take where every job takes as long as this one and as many run side by side."""
+    jobs = [folder.parent / job["folder"] for job in (read_json(folder.parent / MANIFEST) or {}).get("jobs", [])]
+    states = [status_of(job)["state"] for job in jobs if result_of(job) is None]
+    rest = seconds * (len(states) - states.count("failed")) / (1 + states.count("running"))
+    return f", about {in_words(rest)} left" if rest > SHORT else ""
 
 
 def ending(code: int) -> str:

@@ -19,6 +19,7 @@ from ..evaluate.picture import save_png
 from ..models import FrictionEnsemble, FrictionModel
 from ..models.base import Batch
 from ..physics import LAWS, System
+from ..physics.mechanism import Mechanism
 from .build import Config
 from .configs import called
 from .dashboard import show_figures, show_hyper_parameters
@@ -106,9 +107,9 @@ def parameters(cfg: Config, system: System, model: FrictionModel) -> dict[str, d
     start = model.hparams["law"]["start"]
     known = cfg["data"].get("truth") or {}
     same_law = cfg["data"].get("friction") == law.name
-    table, spread = {}, member_spread(model)
+    table, spread, units = {}, member_spread(model), Mechanism(system, law()).read_in
     for par in law.parameters:
-        entry: dict[str, Any] = {"value": values[par.name], "unit": system.unit(par), "text": par.text}
+        entry: dict[str, Any] = {"value": values[par.name], "unit": units[par.name], "text": par.text}
         entry["start"] = start.get(par.name)
         entry["trained"] = par.name in model.law_parameters.raw  # type: ignore[union-attr, operator]
         if par.name in spread:

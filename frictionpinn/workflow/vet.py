@@ -5,18 +5,18 @@ from __future__ import annotations
 import logging
 from collections.abc import Collection
 
-from ..data.filters import FEWEST, clear, sampled
-from ..data.findings import CLEAR, Finding
+from ..data.filters import clear, sampled
+from ..data.findings import Finding
 from ..data.inspect import inspect
 from ..data.recording import Recording
+from ..data.thresholds import AS_MEASURED, CLEAR, FEWEST
 from ..errors import UserError, choose
 from ..physics import System
+from ..show import readable_unit
 from .build import Config
 
 log = logging.getLogger(__name__)
 GO_ON = 'data.check=warn, in Python check="warn", goes on all the same'
-# Noise in a velocity's variance, 1 % of its size: dry friction's steps are then where they seem to be.
-AS_MEASURED = 1e-4
 
 
 def vet(cfg: Config, system: System, recording: Recording, free: Collection[str] = ()) -> None:
@@ -63,11 +63,11 @@ def findings_of(system: System, recording: Recording, free: Collection[str] = ()
 def assumptions(system: System, recording: Recording, free: Collection[str] = ()) -> list[str]:
     """Parameters in force, columns used and ignored, what is derived, what is set to zero, what was mended."""
     present = set().union(*(trial.signals for trial in recording.trials))
-    known = [(par.name, system.values[par.name], par.unit.replace("*", " ")) for par in system.parameters]
+    known = [(par.name, system.values[par.name], readable_unit(par.unit)) for par in system.parameters]
     values = [f"{name} = {value:g} {unit}" for name, value, unit in known if name not in free]
     lines = [f"assumed: {', '.join(values)} (system.parameters)"] if values else []
     if system.values.get("preload") == 1.0:
-        lines[-1] += f"; mu_c and mu_s read in {system.force_unit.replace('*', ' ')}: the preload is 1"
+        lines[-1] += f"; mu_c and mu_s read in {readable_unit(system.force_unit)}: the preload is 1"
     lines += list(recording.notes) or [f"signals used: {', '.join(n for n in system.signal_units if n in present)}"]
     derived = [n for c in system.moving for n in c.signals if n and n not in present]
     zero = [item.name for item in system.inputs if item.name not in present and item.symbol in system.acting]

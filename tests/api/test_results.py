@@ -179,3 +179,20 @@ def test_no_function_learns_from_a_log_that_contradicts_itself(model, log, workd
     holes = type(log)(tuple(t.with_signals(a=np.full(len(t), np.nan)) for t in log.trials), log.units, "log")
     with pytest.raises(fp.UserError, match="missing value: log, column 'a', data row 1"):
         fp.fit(model, holes)
+
+
+def test_where_nothing_slips_there_is_no_verdict_whatever_check_is_asked_for(model, log, workdir):
+    rng = np.random.default_rng(0)
+    noise = {"x": 1e-4, "v": 1e-3, "a": 1e-2}
+    still = [t.with_signals(**{n: s * rng.standard_normal(len(t)) for n, s in noise.items()}) for t in log.trials]
+    still = type(log)(tuple(still), log.units, "still")
+    found = fp.diagnose(model, still, check="warn", effects=["constant_force"])
+    assert found.verdict == "no verdict" and "nothing slips here" in found.doubts[0]
+    assert found.declared.outcome == "no excitation" and "nothing slips here" in found.declared.advice[0]
+
+
+def test_a_friction_coefficient_that_stands_for_the_friction_says_in_which_unit():
+    rows = {name: row["unit"] for name, row in fp.mechanism("joint", "coulomb_viscous").tables()[0].to_dict().items()}
+    assert rows["mu_c"] == "N m at a preload of 1" and rows["sigma_2"] == "N m s/rad"
+    assert fp.mechanism("pob", "coulomb_viscous").read_in["mu_c"] == "1"
+    assert fp.mechanism(fp.system("joint", preload=2.0), "coulomb_viscous").read_in["mu_c"] == "1"

@@ -32,7 +32,8 @@ SOME = [
     "pob: files of different rates", "pob: noise where the box should move", "pob: no alpha", "pob: positions alone",
     "pob: velocities alone", "drive: no force", "drive: no header", "a pendulum on a box as a pendulum",
     "a drive as a damper", "a joint's arm left out", "drive: mass a tenth", "UR10e, joint 2, as it is",
-    "EMPS: sign of the force",
+    "EMPS: sign of the force", "joint, positions alone: sign of tau", "sdob, positions alone: x and y in mm",
+    "pendulum, positions alone: sign of tau", "drive, positions alone: x in mm",
 ]  # fmt: skip
 
 

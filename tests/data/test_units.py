@@ -76,3 +76,12 @@ def test_importing_the_readers_loads_neither_pint_nor_pandas_nor_scipy():
         "print([name for name in ('pint', 'pandas', 'scipy.signal', 'pooch', 'torch') if name in sys.modules])"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_a_unit_of_an_axis_that_turns_names_the_system_that_has_one():
+    for unit, signal_unit in (("rad", "m"), ("deg/s", "m/s"), ("N*m", "N")):
+        with pytest.raises(UserError, match="in rad and N m, is system=joint"):
+            to_si(np.ones(1), unit, signal_unit, "units.x")
+    with pytest.raises(UserError) as told:
+        to_si(np.ones(1), "kg", "m", "units.x")
+    assert "joint" not in str(told.value)

@@ -14,8 +14,9 @@ import time
 import pytest
 from commands import ROOT, call
 
-from frictionpinn.workflow import progress
-from frictionpinn.workflow.progress import Steps, in_words
+from frictionpinn import progress
+from frictionpinn.numerics.parallel import in_parallel
+from frictionpinn.progress import Steps, in_words
 
 DRIVE = ["system=drive", "data.rate_hz=100", "friction=coulomb_viscous", "data.friction=coulomb_viscous"]
 DRIVE += ["data.truth={mu_c: 3.0, sigma_2: 2.0}"]
@@ -29,6 +30,35 @@ def test_the_rest_is_told_at_the_pace_so_far(caplog, monkeypatch):
         for name in "abc":
             steps.finish(name)
     assert caplog.messages == ["a (1 of 3, about 60 s left)", "b (2 of 3, about 25 s left)", "c (3 of 3)"]
+
+
+def test_long_steps_say_where_they_are_and_what_would_make_them_shorter(caplog, monkeypatch):
+    now = iter([0.0, *(400.0 * k for k in (1, 1, 2, 2, 3, 3))])
+    monkeypatch.setattr(progress.time, "perf_counter", lambda: next(now))
+    progress.shorter("a million samples; data.rate_hz=100")
+    with caplog.at_level(logging.INFO):
+        steps = Steps(3, "effects fitted")
+        for _ in range(3):
+            steps.step()
+    assert caplog.messages == [
+        "effects fitted: 1 of 3, about 13 min left",
+        "this goes on for about 13 min more: a million samples; data.rate_hz=100",
+        "effects fitted: 2 of 3, about 7 min left",
+    ]
+
+
+def test_short_work_says_nothing(caplog):
+    with caplog.at_level(logging.INFO):
+        assert in_parallel(lambda k: k * k, [1.0] * 5, "squares") == [0, 1, 4, 9, 16]
+        assert list(progress.counted([1, 2, 3], "numbers")) == [1, 2, 3]
+    assert caplog.messages == []
+
+
+def test_work_side_by_side_is_counted(caplog, monkeypatch):
+    monkeypatch.setattr(progress, "SHORT", 0.0)
+    with caplog.at_level(logging.INFO):
+        in_parallel(lambda k: time.sleep(0.01), [1.0] * 4, "sleeps")
+    assert [m.split(",")[0] for m in caplog.messages] == [f"sleeps: {k} of 4" for k in (1, 2, 3)]
 
 
 @pytest.mark.parametrize(("seconds", "words"), [(0.4, "0 s"), (89.0, "89 s"), (100.0, "2 min"), (7200.0, "2 h")])
