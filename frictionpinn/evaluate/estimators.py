@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -67,10 +67,16 @@ def _cell(found: tuple[float, float, float] | None) -> str:
     return middle if low == high else f"{middle} [{low}, {high}]"
 
 
+def _text(cells: Sequence[Sequence[str]]) -> str:
+    return Table(tuple(cells[0]), tuple(tuple(row) for row in cells[1:])).text()
+
+
 def table(result: Mapping[str, Any]) -> str:
     """The table for a terminal."""
-    heads, *body = rows(result)
-    lines = [Table(tuple(heads), tuple(map(tuple, body))).text()]
+    cells = list(rows(result))
+    first = len([name for name in result["units"] if name != "force_mse"]) + 1  # what these cost stands below
+    effort = [[row[0], *row[first:]] for row in cells if row[first] != "-"]
+    lines = [_text([row[:first] for row in cells]), "", _text(effort)]
     note = f"median [lowest, highest] over {len(result['seeds'])} seeds; force error: held-out trial simulated"
     lines.append(note + "; complete: every parameter was found")
     if result.get("start") is not None:
