@@ -206,7 +206,8 @@ def default_bounds(
 ) -> dict[str, Sequence[float] | None]:
     """Bounds around the start where none are given: a decade for friction coefficients and masses, else two.
 
-    Strengths of effects keep their physical limits; what is scanned keeps to its scan.
+    Strengths of effects keep their physical limits; what is scanned keeps to its scan. A bristle may bend as far as the
+    whole stroke: a contact that hardly slips shows nothing but its stiffness.
     """
     wide, table = ("sigma_0", "sigma_1", "sigma_2", "v_s"), {par.name: par for par in mechanism.parameters}
     result = dict(given)
@@ -220,6 +221,8 @@ def default_bounds(
         elif par.low >= 0 and par.neutral is None:
             factor, least = 10**DECADES if own in wide else 10.0, max(par.low, 1e-12)
             low = min(max(abs(value) / (100.0 if own == "mu_c" else factor), least), 0.5 * par.high)
+            if own == "sigma_0" and (stroke := scales.sizes.at(name).scales["stroke"][1]) > 0:
+                low = max(min(low, scales.sizes.at(name).force / stroke), least)
             low = par.low if par.absent else low
             high = max(abs(value) * factor, 10 * low, 10 * scales.alone.get(name, 0.0))
             result[name] = (low, min(high, par.high))

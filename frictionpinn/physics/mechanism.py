@@ -74,7 +74,7 @@ class Mechanism(Shown):
             for name in (n for n in units if n.rpartition(".")[2] == par.name):
                 contact = self.system.at(name.rpartition(".")[0]) if "." in name else self.system
                 if self.system.values.get(str(contact.N)) == 1.0:
-                    units[name] = f"{contact.force_unit} at a preload of 1"
+                    units[name] = f"{readable_unit(contact.force_unit)} at a preload of 1"
         return units
 
     @cached_property

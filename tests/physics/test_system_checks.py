@@ -15,6 +15,7 @@ from system_cases import (
 from frictionpinn.data.units import registry
 from frictionpinn.errors import UserError
 from frictionpinn.physics import SYSTEMS
+from frictionpinn.show import readable_unit
 
 # ---- units and names
 
@@ -71,7 +72,9 @@ def test_an_impossible_mass_is_refused_with_its_place_and_its_range(kind, bad):
         if "kg" in par.unit:
             with pytest.raises(UserError) as error:
                 kind(**{par.name: bad})
-            assert one_line(error, f"system.parameters.{par.name} is {bad} {par.unit}", "allowed:", "not 0")
+            assert one_line(
+                error, f"system.parameters.{par.name} is {bad} {readable_unit(par.unit)}", "allowed:", "not 0"
+            )
 
 
 @every_kind

@@ -61,7 +61,6 @@ COLUMNS = {
     ),
     "near column": ("data.columns={t: t, x: x, theta: thetta}", r"columns.theta.*did you mean 'theta'"),
     "unknown signal": ("data.columns={t: t, x: x, thetta: theta}", r"data.columns is 'thetta'.*did you mean 'theta'"),
-    "no time": ("data.columns={x: x, theta: theta}", r"no time"),
     "unknown unit": (
         "data.units={default: SI, x: millimetr}",
         r"unknown unit: units.x is 'millimetr'; allowed: m, .*did you mean",
@@ -82,6 +81,11 @@ COLUMNS = {
 def test_a_wrong_mapping_is_refused(check, csv, tmp_path, case):
     override, message = COLUMNS[case]
     refused(check, tmp_path, message, "data=csv", f"data.path={csv()}", override)
+
+
+def test_a_mapping_without_a_time_is_refused_where_the_file_has_no_t(check, csv, tmp_path):
+    path = csv(lambda table: table.rename(columns={"t": "clock"}))
+    refused(check, tmp_path, r"no time", "data=csv", f"data.path={path}", "data.columns={x: x, theta: theta}")
 
 
 def test_an_unknown_file_is_refused_with_the_nearest_one(check, csv, tmp_path):

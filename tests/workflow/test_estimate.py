@@ -30,7 +30,7 @@ def test_every_estimator_returns_the_same_kind_of_result(drive, method):
     assert set(found.names) == set(TRUTH)
     assert found.units["sigma_0"] == "N/m"
     assert found.values["mu_c"] == pytest.approx(TRUTH["mu_c"], rel=0.15)
-    assert found.seconds > 0 and found.to_dict()["parameters"]["mu_c"]["unit"] == "1"
+    assert found.seconds > 0 and found.to_dict()["parameters"]["mu_c"]["unit"] == "N at a preload of 1"
 
 
 def test_an_unknown_estimator_is_answered_with_the_nearest_name(drive):

@@ -77,7 +77,7 @@ def test_undeclared_friction_of_the_hinge_is_named_with_its_law_and_size(dry):
     assert dry.errors["hinge.friction_force"]["unit"] == "N*m" and dry.errors["box.friction_force"]["unit"] == "N"
     (told,) = as_dict(dry)["effects"]
     assert told["name"] == "friction@hinge" and told["group"] == "Coulomb"
-    assert told["parameters"]["hinge.mu_c"]["unit"] == "1"
+    assert told["parameters"]["hinge.mu_c"]["unit"] == "N m at a preload of 1"
 
 
 def test_page_and_augmented_model_hold_the_friction_that_was_found(dry, tmp_path):
