@@ -273,3 +273,15 @@ def test_a_body_that_begins_at_rest_is_not_left_sliding_the_wrong_way():
     begun = [coarse_to_fine(evaluate, state, limits, [0.0]) for state in beginnings(problem, wrong.state)]
     found = assembled(evaluate, wrong, [end.state.locals for end in begun], limits)
     assert found.state.cost < right.state.cost + 2.0
+
+
+def test_the_stiffness_of_a_contact_that_hardly_slips_is_told():
+    soft, trials = (
+        TRUTH | {"sigma_0": 300.0, "sigma_1": 20.0},
+        [{"duration": 6.0, "force": "2.3*sin(0.8*t) + sin(60*t)"}],
+    )
+    clean = simulate_recording(SYSTEM, "lugre", soft, trials, 200.0)
+    found = maximum_likelihood(Mechanism(SYSTEM, LAWS["lugre"]()), GaussianNoise(0.02)(clean, 1), profiles=False)
+    for name in ("sigma_0", "sigma_1"):
+        low, high = found.ci95[name]
+        assert low <= soft[name] <= high and high < 1.3 * low
