@@ -226,6 +226,21 @@ class Bench:
         return Fit(problem.names, problem.values(state.u), models, state, sigmas, widths[-1], fit.span,
                    tuple(minima) if around else ())  # fmt: skip
 
+    def imitated(
+        self,
+        fit: Fit,
+        names: Sequence[str],
+        values: Mapping[str, float],
+        limits: Mapping[str, tuple[float, float]] | None = None,
+    ) -> Fit | None:
+        """``names`` estimated from near these values, where the motion is nearest to that of a fit.
+
+        First what the fit simulates stands for what was measured: without noise the likelihood is smooth, and has its
+        minimum where the same motion has these parameters. From there the data are fitted.
+        """
+        there = self.refit(fit, names, self.clip(values), limits=limits, imitating=True)
+        return None if there is None else self.refit(there, names, there.values, limits=limits)
+
     def _simulated(self, fit: Fit, models: Sequence[TrialModel]) -> tuple[TrialModel, ...]:
         """The models with what the fit says of every signal in the place of what was measured."""
 

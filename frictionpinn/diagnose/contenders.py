@@ -146,7 +146,7 @@ def _moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:
     """A contender refitted from the best's place, with its own strengths for the best's."""
     hidden = {name: own.fit.values[name] for name in own.tested.candidate.hidden}
     values = exchanged(best, own.tested, _share(own)) | hidden
-    return bench.refit(best.fit, own.fit.names, bench.clip(values), limits=reach(own.tested))
+    return bench.imitated(best.fit, own.fit.names, values, reach(own.tested))
 
 
 def _share(c: Contender) -> float:
@@ -265,9 +265,7 @@ def _twins(bench: Bench, before: Fit, head: Contender, twins: Sequence[Tested], 
     def refit(k: int) -> Fit | None:
         own = twins[k]
         names = (*before.names, *own.candidate.strengths, *own.candidate.hidden)
-        values = bench.clip(exchanged(head, own, _share(head)))
-        there = bench.refit(head.fit, names, values, limits=reach(own), imitating=True)
-        return None if there is None else bench.refit(there, names, there.values, limits=reach(own))
+        return bench.imitated(head.fit, names, exchanged(head, own, _share(head)), reach(own))
 
     made = in_parallel(refit, [1.0] * len(twins), "effects that look alike fitted")
     return [

@@ -176,7 +176,7 @@ def _drop(bench: Bench, selection: Selection, settings: Settings) -> list[Refuse
         names = tuple(n for n in fit.names if n not in a.names or n in kept)
         gone = [n for n in a.candidate.strengths if n not in names]
         values = bench.without(fit, gone, [n for n in a.candidate.hidden if n not in names])
-        found = bench.refit(fit, names, values)
+        found = bench.imitated(fit, names, values)
         loss = np.inf if found is None else found.state.cost - fit.state.cost
         if found is not None and loss < needed(a.tested, settings):
             why = f"not needed in the end ({loss:+.1f} in log-likelihood without it)"
