@@ -28,6 +28,7 @@ FIFTH = 0.2  # of the squared error beyond the noise: names that take off less a
 SIMILAR = 0.9  # of the best log p: variables that explain as much are named together
 TERMS = 3  # of a formula at most: longer ones say no more than a table
 GOOD = 0.97  # share of the shape that a formula must explain
+CONFIRMED = 0.005  # share of the held-out remainder that a variable must explain: less is printed as 0 %
 POINTS = 60  # of a shape: several for each bump
 
 
@@ -164,6 +165,11 @@ class Unexplained:
     unit: str
     log_p: float
     size: float
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether held-out trials agree that it depends on these variables, where there are any."""
+        return not self.share < CONFIRMED
 
 
 def describe(
