@@ -191,7 +191,7 @@ def diagnose(
     if verdict.rest is not None and network:
         fallback = train_network(bench, fit, scanned.remaining, probes, where, scanned.sigmas)
     units = {name: bench.tested.read_in[name] for name in fit.names}
-    doubts = tuple(gate(bench, accepted, ci95))
+    doubts = tuple(gate(bench, accepted, values, ci95))
     name = NO_VERDICT if doubts else verdict.name
     return Diagnosis(
         name, accepted, refused, verdict.rest, verdict.trifle, values, ci95, units, bench.estimate,

@@ -145,7 +145,7 @@ def next_step(d: Diagnosis, folder: Path) -> str:
         path = os.path.relpath(folder / "augmented.yaml")
         return f"{called('train')} model={model} friction={path} learns the law beside them"
     if d.verdict == NO_VERDICT:
-        return f"record what the doubts ask for; {called('check')} says what the recording holds"
+        return f"mend what the doubts name; {called('check')} says what the recording holds"
     if d.verdict == UNEXPLAINED:
         return f"{called('diagnose')} with diagnose.fallback=network puts a network in the place of the rest"
     return f"the model is complete as far as this recording tells; {os.path.relpath(folder)}/report.html shows it"
