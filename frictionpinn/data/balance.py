@@ -177,8 +177,8 @@ def _missing_forces(system: System, motions: Sequence[Motion], found: Balance) -
     }
     times = 1.0 if other.inertia is None or 1 / OFF < other.inertia < OFF else other.inertia
     told = ", ".join(f"{n} = {other.forces.get(n, times * v):.3g} in place of {v:g}" for n, v in now.items())
-    return Finding(f"force and motion fit with {told}",
-                   "set them in system.parameters, or let them be estimated (diagnose.free)", grave=True)  # fmt: skip
+    advice = "set them in system.parameters, or let them be estimated (diagnose.free; in Python free)"
+    return Finding(f"force and motion fit with {told}", advice, grave=True)
 
 
 def _rows(system: System, forces: tuple[str, ...] = ()) -> Rows | None:
