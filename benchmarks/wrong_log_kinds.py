@@ -298,7 +298,7 @@ KINDS: dict[str, Kind] = {
         for base in ALONE
         for what, change, expect in ALONE[base]
     },
-    "drive: no force": Kind("drive", kept("x", "v", "a"), r"taken as zero: force"),
+    "drive: no force": Kind("drive", kept("x", "v", "a"), r"speeds up without force"),
     "drive: position and force": Kind("drive", kept("x", "force"), RIGHT),
     "drive: no header": Kind("drive", kept("t", "x", "v", "force"), r"no header row", header=False),
     # wrong system, wrong masses

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -59,6 +60,14 @@ def test_the_contents_name_every_page_and_only_such_that_there_are():
     named = list(files(yaml.safe_load((ROOT / "mkdocs.yml").read_text())["nav"]))
     there = {str(path.relative_to(ROOT / "docs")) for path in (ROOT / "docs").rglob("*.md")}
     assert len(named) == len(set(named)) and set(named) == there | set(MADE)
+
+
+def test_the_site_builds_without_a_warning_and_no_link_is_broken():
+    pytest.importorskip("mkdocs", reason='pip install -e ".[docs]"')
+    command = [sys.executable, str(TOOLS / "build_site.py"), "--draft"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "WARNING" not in done.stderr and (ROOT / "build" / "draft" / "reference" / "python.html").is_file()
 
 
 @pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)

@@ -3,7 +3,8 @@
 Pages are copied; tutorials run and get their outputs; figures and the gallery of effects are computed; equations
 become MathML, so that no script from elsewhere is needed; links to files of the repository outside docs/ lead to
 copies. What a page is computed from is remembered: it is computed anew only when that, or the package, has changed.
-``--draft`` leaves out what takes time: tutorials without outputs, no gallery, no figures, links unchecked.
+``--draft`` leaves out what takes time: tutorials without outputs, a gallery of headings, blank figures; links are
+checked all the same, and the draft is in build/draft.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ def main() -> None:
     os.environ["MPLBACKEND"] = "Agg"
     shutil.rmtree(STAGE, ignore_errors=True)
     copy_pages()
-    if not draft:
+    if draft:
+        stand_ins()
+    else:
         made("figures", [DOCS / "tools" / "figures.py", *sorted((DOCS / "tools").glob("*_figures.py"))], figures)
         made("gallery", [DOCS / "tools" / "gallery.py", DOCS / "tools" / "beds.py"], gallery)
         for path in sorted((DOCS / "tutorials").glob("*.md")):
@@ -47,11 +50,13 @@ def main() -> None:
     reference.write(STAGE)
     for path in sorted(STAGE.rglob("*.md")):
         path.write_text(finished(path), encoding="utf-8")
-    options = ["--no-strict"] if draft else ["--strict"]
+    site = ROOT / "build" / ("draft" if draft else "site")
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "DISABLE_MKDOCS_2_WARNING": "true"}
-    done = subprocess.run([sys.executable, "-m", "mkdocs", "build", *options], cwd=ROOT, env=environment)
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(site)], cwd=ROOT, env=environment
+    )
     if done.returncode == 0:
-        print(f"the site: {ROOT / 'build' / 'site' / 'index.html'}; with search: python -m http.server -d build/site")
+        print(f"the site: {site / 'index.html'}; with search: python -m http.server -d build/{site.name}")
     sys.exit(done.returncode)
 
 
@@ -74,6 +79,19 @@ def made(name: str, sources: list[Path], make: Callable[[Path], None]) -> None:
         mark.write_text(json.dumps({"made from": told}))
         print(f"{name}: {time.perf_counter() - start:.0f} s", flush=True)
     shutil.copytree(folder, STAGE, dirs_exist_ok=True)
+
+
+def stand_ins() -> None:
+    """Blank figures and a gallery of headings, to which links lead as to the real ones."""
+    from figures import FIGURES
+    from matplotlib.figure import Figure
+
+    from frictionpinn.physics import EFFECTS
+
+    for name in FIGURES:
+        Figure(figsize=(1, 1)).savefig(STAGE / "concepts" / name)
+    headings = [f"## {name} {{ #{name} }}" for name in EFFECTS]
+    (STAGE / "effects.md").write_text("\n\n".join(["# Effects", *headings]), encoding="utf-8")
 
 
 def figures(folder: Path) -> None:

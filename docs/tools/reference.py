@@ -9,7 +9,7 @@ from pathlib import Path
 import sympy as sp
 
 import frictionpinn as fp
-from frictionpinn.diagnose.report import in_latex
+from frictionpinn.diagnose.notation import in_latex, tidy
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
 from frictionpinn.physics.base import CONTACT, FrictionLaw
 from frictionpinn.show import readable_unit
@@ -106,25 +106,12 @@ def equations_of(law: FrictionLaw) -> list[str]:
     if law.memory:
         capacity = law.capacity(CONTACT, p)
         shown |= {r"\dot{z}": sp.sympify(law.bristle_rate(CONTACT, p)).subs(capacity, g), "g": capacity}
-    return [latex(name, tidy(side)) for name, side in shown.items()]
-
-
-def tidy(expr: sp.Expr) -> sp.Expr:
-    """An expression in short names, without the constants that only keep derivatives finite: |v / v_s|^alpha."""
-    expr = sp.sympify(expr).xreplace(SHORT)
-    expr = expr.xreplace({number: sp.Integer(0) for number in expr.atoms(sp.Float) if 0 < abs(float(number)) < 1e-9})
-    v, own = SHORT[CONTACT.v], {}
-    for power in expr.atoms(sp.Pow):
-        exponents, scales = power.exp.free_symbols, power.base.free_symbols - {v}
-        if v in power.base.free_symbols and len(exponents) == len(scales) == 1:
-            own[power] = sp.Pow(sp.Abs(v / scales.pop()), exponents.pop())
-    return expr.xreplace(own)
+    return [latex(name, tidy(sp.sympify(side).xreplace(SHORT), SHORT[CONTACT.v])) for name, side in shown.items()]
 
 
 def latex(left: str, side: sp.Expr) -> str:
     """An equation in LaTeX, products by a thin space; the left side is LaTeX already."""
-    side = sp.sympify(side).replace(sp.exp, sp.Function("exp"))  # an exponent that is a fraction is too small to read
-    right = in_latex(sp.Eq(sp.Symbol("Q"), side, evaluate=False)).partition("=")[2]
+    right = in_latex(sp.Eq(sp.Symbol("Q"), sp.sympify(side), evaluate=False)).partition("=")[2]
     return f"{left} ={right}".replace(r"\cdot", r"\,")
 
 

@@ -150,7 +150,8 @@ def diagnose(
     admit(system, recording, check, cfg["diagnose"]["free"] or ())
     cfg["diagnose"]["declared"] = [effect.name for effect in mechanism.effects]
     cfg["data"] |= {"held_out": None if held_out is None else list(held_out)}
-    cfg["system"] = {"name": system.name, "equations": system.equations, "parameters": dict(system.values)}
+    cfg["system"] = {"name": system.name, "equations": system.equations, "driven": list(system.driven),
+                     "parameters": dict(system.values)}  # fmt: skip
     given = {"start": start, "bounds": bounds, "fixed": fixed}
     cfg["friction"] = {"name": mechanism.law.name, **{key: dict(value or {}) for key, value in given.items()}}
     with clock():

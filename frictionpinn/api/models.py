@@ -73,13 +73,22 @@ def effects(mechanism: Mechanism | None = None) -> Table:
     return Table(("effect", *told), tuple((kind.name, *(kind.said().get(key, "") for key in told)) for kind in kinds))
 
 
-def system(name: str, *, equations: str = "lagrange", imposed: bool = False, **parameters: float) -> System:
+def system(
+    name: str,
+    *,
+    equations: str = "lagrange",
+    imposed: bool = False,
+    driven: Iterable[str] | None = None,
+    **parameters: float,
+) -> System:
     """A system with the values of its parameters.
 
     Args:
         name: one of :func:`systems`.
         equations: "lagrange", or "published" where a system has equations as printed.
         imposed: the motion is imposed and the force measured, for systems of one coordinate: nothing is integrated.
+        driven: of a system of several coordinates those whose motion is taken as measured, ["theta_1"]: the others are
+            simulated. None: as the system has it.
         parameters: masses, lengths and so on, SI units; those not given have the defaults of the system.
 
     Raises:
@@ -92,7 +101,8 @@ def system(name: str, *, equations: str = "lagrange", imposed: bool = False, **p
     """
     extensions.load()
     kind = choose(name, SYSTEMS, "system")
-    return kind(equations=equations, imposed=imposed, **parameters)
+    taken = None if driven is None else tuple(driven)
+    return kind(equations=equations, driven=taken, imposed=imposed, **parameters)
 
 
 def made_system(given: System | str, where: str) -> System:

@@ -86,6 +86,8 @@ def balance_findings(
         return []
     for wide in (False, True):
         motions = smooth_motion(system, trials, sigmas, wide)
+        if motions and (pushed := _pushed(system, motions)):
+            return [pushed]
         found = rows(motions) if motions else None
         if found is None:
             continue
@@ -143,6 +145,26 @@ def _judged(
     return [Finding(what, advice, grave=bool(ranked))]
 
 
+def _pushed(system: System, motions: Sequence[Motion]) -> Finding | None:
+    """A motion that speeds up though nothing that was recorded drives it: alone, friction only brakes."""
+    acting = [c for c in system.moving if system.jacobian[c.name] != 0 and c.name not in system.driven]
+    lacking = [item.name for item in system.inputs if not any(item.name in motion for motion in motions)]
+    if len(system.contacts) > 1 or not acting or not lacking:
+        return None
+    c = acting[0]
+    inertia = sp.diff(residual := system.residual(c), c.symbols[2]) * c.symbols[2]
+    drive, own = (motion_function(system, sp.sympify(e)) for e in (residual - inertia, inertia))
+    values = {name: value for name, value in system.values.items() if value is not None}
+    if any(np.any(drive(motion, values)) for motion in motions):
+        return None
+    noise, a, rate = (np.concatenate([m[n] for m in motions]) for n in (f"_noise_{c.name}", c.signals[2], c.signals[1]))
+    power = (np.concatenate([own(m, values) for m in motions]) * rate)[a**2 > SURE**2 * noise]  # where it is no noise
+    if not len(power) or float(power.sum()) < -HALF * float(np.abs(power).sum()):
+        return None
+    return Finding(f"the motion speeds up without {listed(lacking)}, not recorded: friction alone brakes",
+                   f"name the column, data.columns={{..., {lacking[0]}: ...}}, or record it", grave=True)  # fmt: skip
+
+
 def _missing_forces(system: System, motions: Sequence[Motion], found: Balance) -> Finding | None:
     """Forces of the system that were left at zero and without which nothing fits: gravity on a joint's arm."""
     names = tuple(par.name for par in system.parameters if par.neutral is not None and system.values[par.name] == 0)
@@ -155,8 +177,8 @@ def _missing_forces(system: System, motions: Sequence[Motion], found: Balance) -
     }
     times = 1.0 if other.inertia is None or 1 / OFF < other.inertia < OFF else other.inertia
     told = ", ".join(f"{n} = {other.forces.get(n, times * v):.3g} in place of {v:g}" for n, v in now.items())
-    return Finding(f"force and motion fit with {told}",
-                   "set them in system.parameters, or let them be estimated (diagnose.free)", grave=True)  # fmt: skip
+    advice = "set them in system.parameters, or let them be estimated (diagnose.free; in Python free)"
+    return Finding(f"force and motion fit with {told}", advice, grave=True)
 
 
 def _rows(system: System, forces: tuple[str, ...] = ()) -> Rows | None:

@@ -73,9 +73,10 @@ def _clipped(
 
 
 def _held(at: np.ndarray) -> np.ndarray:
-    """Samples that equal the one before or after them, too."""
+    """Samples that equal the one before or after them, too; not those with which a trial begins or ends, at rest."""
     pairs = at[1:] & at[:-1]
-    return np.concatenate([[False], pairs]) | np.concatenate([pairs, [False]])
+    inside = np.logical_or.accumulate(~at) & np.logical_or.accumulate(~at[::-1])[::-1]
+    return inside & (np.concatenate([[False], pairs]) | np.concatenate([pairs, [False]]))
 
 
 def _moves_while(name: str, end: float, companion: str, trials: Sequence[Sampled]) -> bool:

@@ -38,7 +38,7 @@ def save_augmented(path: Path, d: Diagnosis, data: Mapping[str, Any] | None = No
         "name": law.name,
         **({"contacts": {at.name: at.law.name for at in mechanism.contacts}} if len(mechanism.contacts) > 1 else {}),
         "system": {"name": system.name, "equations": system.equations, "imposed": system.imposed,
-                   "parameters": {n: v for n, v in values.items() if n in masses}},
+                   "driven": list(system.driven), "parameters": {n: v for n, v in values.items() if n in masses}},
         "values": {n: v for n, v in values.items() if n in own},
         "effects": {
             e.name: {par.name: values[par.name] for par in e.parameters_on(system, law)
@@ -68,7 +68,8 @@ def load_augmented(path: str | Path) -> tuple[Mechanism, dict[str, float]]:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
         given, effects = content["system"], content["effects"]
         kind = choose(given["name"], SYSTEMS, "system")
-        system = kind(equations=given["equations"], imposed=given["imposed"], **given["parameters"])
+        driven = tuple(given["driven"]) if "driven" in given else None  # earlier files do not tell
+        system = kind(equations=given["equations"], driven=driven, imposed=given["imposed"], **given["parameters"])
         networks = {r.name: r for r in remainders(system)}
         acting = tuple(networks.get(name, name) for name in effects)
         mechanism = Mechanism(system, law_named(content.get("contacts") or content["name"], "friction"), acting)  # type: ignore[arg-type]

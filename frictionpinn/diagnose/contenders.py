@@ -204,7 +204,7 @@ def judged(
     for c in found:
         gain, need = before.state.cost - c.fit.state.cost, needed(c.tested, settings)
         if gain < need:
-            why = f"refitted, it gains {gain:.1f} in log-likelihood; {need:.1f} are needed"
+            why = f"refitted, it gains {gain:.3g} in log-likelihood; {need:.3g} are needed"
             refused.append(Refused(c.tested.candidate, why))
         elif why := impossible(bench, c.tested.candidate, c.fit.values):
             refused.append(Refused(c.tested.candidate, why))
@@ -248,7 +248,7 @@ def judged(
             ]  # fmt: skip
             return replace(winner, gain=held), alike, refused
         refused += [
-            Refused(c.tested.candidate, f"held-out trials do not improve ({held:+.1f} in log-likelihood)")
+            Refused(c.tested.candidate, f"held-out trials do not improve ({held:+.3g} in log-likelihood)")
             for c in (winner, *alike)
         ]  # fmt: skip
         out |= {c.tested.candidate.name for c in (winner, *alike)}

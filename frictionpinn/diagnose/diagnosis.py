@@ -191,7 +191,7 @@ def diagnose(
     if verdict.rest is not None and network:
         fallback = train_network(bench, fit, scanned.remaining, probes, where, scanned.sigmas)
     units = {name: bench.tested.read_in[name] for name in fit.names}
-    doubts = tuple(gate(bench, accepted, ci95))
+    doubts = tuple(gate(bench, accepted, values, ci95))
     name = NO_VERDICT if doubts else verdict.name
     return Diagnosis(
         name, accepted, refused, verdict.rest, verdict.trifle, values, ci95, units, bench.estimate,
@@ -240,11 +240,16 @@ def _reasons(
             result[c.name] = Refused(c, "beside the effects that were added nothing is left for it")
         elif t.untested:
             result[c.name] = Refused(c, "could not be tested: its derivatives overflow in the simulation")
+        elif t.freedom == 0:
+            result[c.name] = Refused(
+                c, "does not act in this recording, or as parameters do that are estimated already"
+            )
         elif t.log_p + np.log10(len(options)) > settings.log_p:
             early = first.get(c.name)
             explained = early is not None and early.log_p + np.log10(len(options)) < settings.log_p and accepted
             why = "explained by the effects that were added" if explained else "not significant"
-            result[c.name] = Refused(c, f"{why} (statistic {t.statistic:.1f}, {t.freedom} degrees of freedom)")
+            degrees = f"{t.freedom} degree{'s' if t.freedom > 1 else ''} of freedom"
+            result[c.name] = Refused(c, f"{why} (statistic {t.statistic:.1f}, {degrees})")
         else:
             result[c.name] = Refused(c, "significant, but other candidates explain it better or no more are added")
     return tuple(result.values())

@@ -9,24 +9,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import sympy as sp
 from jinja2 import Template
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from sympy.core.alphabets import greeks
 
+from ..data.findings import listed
 from ..evaluate.picture import save_png
 from ..evaluate.style import INK, readable
-from ..physics.base import CONTACT
-from ..physics.mechanism import Mechanism
 from ..show import LOOKS, readable_unit
 from .diagnosis import Diagnosis
 from .errors import RESIDUAL, main_signal
 from .verdict import FOUND, NO_VERDICT, NOTHING, PARTLY, UNEXPLAINED, Unexplained
 
-LETTERS = {*greeks, "zdot"}  # first parts of names that are letters
 MOST_TRIALS, MOST_BARS = 3, 12  # in one figure: what fits on a screen
 INSTANTS = 200  # at which the evidence so far is drawn
+LEAST_CHANCE = -100  # decimal logarithm: no noise is known so well that smaller ones differ
 
 
 def headline(d: Diagnosis) -> str:
@@ -35,7 +32,7 @@ def headline(d: Diagnosis) -> str:
     for a in d.accepted:
         alike = ", ".join(c.name for c, _ in a.alike)
         names.append(a.candidate.name + (f" (or {alike}: the data do not tell them apart)" if alike else ""))
-    missing, unnamed = f"Missing: {' and '.join(names)}{gain_in_words(d)}", dependence(d.unexplained)
+    missing, unnamed = f"Missing: {listed(names)}{gain_in_words(d)}", dependence(d.unexplained)
     said = {
         FOUND: f"{missing}.",
         NOTHING: f"Nothing is missing that this recording could show{' and that matters' if d.trifle else ''}.",
@@ -47,7 +44,7 @@ def headline(d: Diagnosis) -> str:
     if d.shares and d.left["value"] is not None:
         each = [f"{a.candidate.name} took off {share(own)}" for a, own in zip(d.accepted, d.shares, strict=True)]
         left = ", ".join(filter(None, [f"{share(d.left)} is left", dependence(d.unexplained or d.trifle)]))
-        sentences.append(f"Of the squared error of {_spaced(d.main)} beyond the noise, {' and '.join(each)}; {left}.")
+        sentences.append(f"Of the squared error of {_spaced(d.main)} beyond the noise, {listed(each)}; {left}.")
     if d.trifle is not None:
         sentences.append(f"Significant but small: {dependence(d.trifle)}, {100 * d.trifle.size:.2g} % of the friction "
                          f"force (diagnose.worth: {100 * d.settings.worth:.2g} %).")  # fmt: skip
@@ -61,8 +58,10 @@ def dependence(rest: Unexplained | None) -> str:
     """What a remainder is and on which variables it may depend, three at most; empty where there is none."""
     if rest is None:
         return ""
-    kind = "friction" if rest.kind == "friction" else "a force"
-    return f"{kind} that depends on {_spaced(' or '.join(rest.depends_on[:3]))}"
+    kind, variables = "friction" if rest.kind == "friction" else "a force", _spaced(" or ".join(rest.depends_on[:3]))
+    if not rest.confirmed:
+        return f"{kind} that goes with {variables} in the fitted trials alone"
+    return f"{kind} that depends on {variables}"
 
 
 def gain_in_words(d: Diagnosis) -> str:
@@ -71,13 +70,20 @@ def gain_in_words(d: Diagnosis) -> str:
     Where the parameters as fitted predict them badly, what they gain once those move within their errors: a static
     friction that the fitted trials leave open makes a slip that comes too late.
     """
-    if not d.accepted or not d.scored.startswith("held"):
+    total = gain_together(d)
+    if total is None:
         return ""
-    total = sum(evidence_so_far(d, k)[1][-1] for k in range(len(d.before.models)))
     moved = ""
     if total < d.settings.gain:
         moved = f", {d.gain_within_errors:+.0f} with parameters moved within their errors"
     return f" (log-likelihood of trials that no fit saw {total:+.0f}{moved})"
+
+
+def gain_together(d: Diagnosis) -> float | None:
+    """Log-likelihood that held-out trials gain by all effects, at the declared model's noise levels; None without."""
+    if not d.accepted or not d.scored.startswith("held"):
+        return None
+    return float(sum(evidence_so_far(d, k)[1][-1] for k in range(len(d.before.models))))
 
 
 def error_in_words(d: Diagnosis) -> str:
@@ -109,6 +115,11 @@ def span(ci95: Sequence[float | None]) -> str:
     return "not told by these data" if None in ci95 else f"{number(ci95[0])} to {number(ci95[1])}"
 
 
+def chance(log10_p: float) -> str:
+    """A chance from its decimal logarithm: 1e-38; what is below any that a model of noise could tell has no figure."""
+    return f"below 1e{LEAST_CHANCE:d}" if log10_p < LEAST_CHANCE else f"{10.0**log10_p:.1g}"
+
+
 def share(told: Mapping[str, Any]) -> str:
     """A share with its 95 % interval, in per cent."""
     if told["value"] is None:
@@ -121,7 +132,14 @@ def _spaced(name: str) -> str:
     return name.replace("_", " ")
 
 
-def write_page(path: Path, result: Mapping[str, Any], words: str, mathml: str, figures: Sequence[Path]) -> None:
+def write_page(
+    path: Path,
+    result: Mapping[str, Any],
+    words: str,
+    mathml: str,
+    figures: Sequence[Path],
+    together: float | None = None,
+) -> None:
     """Write the report as one HTML file, from ``page.html``.
 
     Args:
@@ -129,48 +147,17 @@ def write_page(path: Path, result: Mapping[str, Any], words: str, mathml: str, f
         words: see :func:`headline`.
         mathml: the friction force.
         figures: PNG files, embedded under the names of their files.
+        together: see :func:`gain_together`.
     """
     images = {p.stem: base64.b64encode(p.read_bytes()).decode() for p in figures}
     page = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
-    text = page.render(r=result, headline=words, mathml=mathml, images=images, number=number, span=span, share=share,
-                       unit=readable_unit, looks=LOOKS)  # fmt: skip
+    refused: dict[str, list[str]] = {}
+    for candidate in result["refused"]:
+        refused.setdefault(candidate["why"], []).append(candidate["name"])
+    words_of = {"number": number, "span": span, "share": share, "chance": chance, "unit": readable_unit}
+    text = page.render(r=result, headline=words, mathml=mathml, images=images, refused=refused, together=together,
+                       looks=LOOKS, **words_of)  # fmt: skip
     path.write_text(text, encoding="utf-8")
-
-
-def equations(mechanism: Mechanism) -> list[sp.Eq]:
-    """Friction force of the law and its effects as each contact sees them, and where there is a bristle its rate z'.
-
-    In velocity v, acceleration a, position s, normal force N and bristle deflection z; of several contacts with the
-    contact's name below.
-    """
-    result = []
-    for at in mechanism.contacts:
-        law, p, seen = mechanism.law, mechanism.p, at.seen
-        sides = {"F": sp.sympify(at.law.force(seen, at.p)) + sum(e.force(seen, p, law) for e in at.effects)}
-        if at.law.memory:
-            sides["zdot"] = at.law.bristle_rate(seen, at.p)
-        elif at.memory:
-            sides["zdot"] = next(e for e in at.effects if e.memory).bristle_rate(seen, p, law)
-        below, prefix = f"_{at.name}" if at.name else "", f"{at.name}."
-        short = {CONTACT.v: "v", CONTACT.N: "N", CONTACT.z: "z", CONTACT.zdot: "zdot", CONTACT.s: "s", CONTACT.a: "a"}
-        names = {symbol: sp.Symbol(name + below) for symbol, name in short.items()}
-        names |= {
-            s: sp.Symbol(s.name.removeprefix(prefix) + below) for s in vars(p).values() if s.name.startswith(prefix)
-        }
-        result += [sp.Eq(sp.Symbol(n + below), sp.sympify(e).xreplace(names), evaluate=False) for n, e in sides.items()]
-    return result
-
-
-def in_latex(e: sp.Eq) -> str:
-    """LaTeX, names that are words upright and whole: low_speed is no product, and no l with an index."""
-    words = {s: s.name for s in e.free_symbols if len(first := s.name.split("_")[0]) > 1 and first not in LETTERS}
-    names = {s: rf"\mathrm{{{name}}}".replace("_", r"\_") for s, name in words.items()}
-    return sp.latex(e, mul_symbol="dot", symbol_names=names)
-
-
-def in_mathml(e: sp.Eq) -> str:
-    """A block of MathML."""
-    return f'<math display="block">{sp.mathml(e, printer="presentation", mul_symbol="dot")}</math>'
 
 
 def figures(d: Diagnosis) -> dict[str, Figure]:
@@ -211,7 +198,7 @@ def error_figure(d: Diagnosis) -> Figure:
     axes.set_xlim(left=0.0)
     axes.set_xlabel(f"error beyond the noise, in multiples of the noise, {d.scored} (whiskers: 95 %)")
     missing = [*(a.candidate.name for a in d.accepted), *filter(None, [dependence(d.unexplained)])]
-    title = f"missing: {' and '.join(missing)}" if missing else "nothing is missing"
+    title = f"missing: {listed(missing)}" if missing else "nothing is missing"
     axes.set_title(textwrap.fill(title, 80), fontsize=11)
     return figure
 

@@ -179,7 +179,7 @@ def _drop(bench: Bench, selection: Selection, settings: Settings) -> list[Refuse
         found = bench.imitated(fit, names, values)
         loss = np.inf if found is None else found.state.cost - fit.state.cost
         if found is not None and loss < needed(a.tested, settings):
-            why = f"not needed in the end ({loss:+.1f} in log-likelihood without it)"
+            why = f"not needed in the end ({loss:+.3g} in log-likelihood without it)"
             dropped.append(Refused(a.candidate, why))
             selection.accepted.remove(a)
             selection.fit = found

@@ -28,6 +28,8 @@ FIFTH = 0.2  # of the squared error beyond the noise: names that take off less a
 SIMILAR = 0.9  # of the best log p: variables that explain as much are named together
 TERMS = 3  # of a formula at most: longer ones say no more than a table
 GOOD = 0.97  # share of the shape that a formula must explain
+AT_END = 1e-3  # of a bound: nearer to it a fit has ended there; searches end a little inside
+CONFIRMED = 0.005  # share of the held-out remainder that a variable must explain: less is printed as 0 %
 POINTS = 60  # of a shape: several for each bump
 
 
@@ -118,19 +120,25 @@ def judge(
     return Verdict(name, told(matter), trifle, fit, scanned, before, after, scored, errors, shares, left)
 
 
-def gate(bench: Bench, accepted: Sequence[Accepted], ci95: Mapping[str, tuple[float, float]]) -> list[str]:
-    """What keeps a verdict from having a sense: a contact that does not slip, effects that may be nothing at all.
+def gate(
+    bench: Bench, accepted: Sequence[Accepted], values: Mapping[str, float], ci95: Mapping[str, tuple[float, float]]
+) -> list[str]:
+    """What keeps a verdict from having a sense: nothing slips, a fit at its bounds, effects that may be nothing at all.
 
     Args:
         bench: with the declared model's fit.
         accepted: effects that were added.
-        ci95: 95 % intervals of the parameters.
+        values, ci95: parameters of the model that the verdict is about, SI units, and their 95 % intervals.
     """
     reasons = []
     if why := no_slip(bench.problem.recording, bench.mechanism.system):
         reasons.append(why)
     elif bench.estimate.outcome == NO_EXCITATION:
         reasons.append(f"{NO_SLIP}: no friction can be told")
+    bounds = bench.problem.space.bounds
+    for name in sorted(bench.problem.bounded & bounds.keys() & values.keys()):
+        if np.isclose(values[name], [b for b in bounds[name] if b != 0], rtol=AT_END).any():
+            reasons.append(f"{name} of the fit ended at its bound, {values[name]:.3g}: widen friction.bounds.{name}")
     table = {par.name: par for par in bench.tested.parameters}
     for a in accepted:
         spans = [(table[name].neutral, ci95[name]) for name in a.candidate.strengths if name in ci95]
@@ -164,6 +172,11 @@ class Unexplained:
     unit: str
     log_p: float
     size: float
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether held-out trials agree that it depends on these variables, where there are any."""
+        return not self.share < CONFIRMED
 
 
 def describe(

@@ -177,13 +177,13 @@ def characteristics_figure(surfaces: Mapping[str, Characteristics], told: Mappin
         image = axis.pcolormesh(first.v, N, whole, cmap="RdBu_r", vmin=-top, vmax=top, shading="gouraud")
         off = surfaces[name].rms if name in surfaces else None
         axis.set(title=name if off is None else f"{name}: {off:.2g} {unit} rms off")
-    figure.colorbar(image, ax=axes[: len(panels)], label=f"friction force ({unit})")
+    figure.colorbar(image, ax=axes[: len(panels)], location="bottom", label=f"friction force ({unit})")
     if first.truth is not None and differs:
         error = np.broadcast_to(first.model - first.truth, shape)
         reach = float(np.abs(error).max()) or 1.0
         image = axes[-1].pcolormesh(first.v, N, error, cmap="PuOr_r", vmin=-reach, vmax=reach, shading="gouraud")
         axes[-1].set(title="difference")
-        figure.colorbar(image, ax=axes[-1], label=f"model less truth ({unit})")
+        figure.colorbar(image, ax=axes[-1], location="bottom", label=f"model less truth ({unit})")
     for axis in axes:
         axis.set(xlabel=f"slip velocity ({readable(told['v_slip']['unit'])})")
     axes[0].set(ylabel=f"normal force ({readable(told['normal_force']['unit'])})")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import statistics
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -19,6 +20,7 @@ LABELS = {
     "nelder_mead": "Nelder-Mead",
     "genetic": "genetic algorithm",
 }
+PER_PANEL = 50  # characters of a title above a panel
 COLORS = {
     "maximum_likelihood": INK["model"],
     "pe1": "#edae49",
@@ -77,8 +79,9 @@ def table(result: Mapping[str, Any]) -> str:
     first = len([name for name in result["units"] if name != "force_mse"]) + 1  # what these cost stands below
     effort = [[row[0], *row[first:]] for row in cells if row[first] != "-"]
     lines = [_text([row[:first] for row in cells]), "", _text(effort)]
-    note = f"median [lowest, highest] over {len(result['seeds'])} seeds; force error: held-out trial simulated"
-    lines.append(note + "; complete: every parameter was found")
+    seeds = len(result["seeds"])
+    several = f"median [lowest, highest] over {seeds} seeds; " if seeds > 1 else ""
+    lines.append(f"{several}force error: held-out trial simulated; complete: every parameter was found")
     if result.get("start") is not None:
         label = LABELS.get(str(result["start"]), "")
         lines.append(
@@ -107,6 +110,7 @@ def error_against_time(results: Mapping[str, Mapping[str, Any]]) -> Figure:
     shown = next(iter(results.values()))["methods"]
     for method in shown:
         panels[0].plot([], [], "o-", color=COLORS[method], label=LABELS[method])
-    figure.legend(loc="outside lower center", ncols=6, frameon=False, fontsize=9)
-    figure.suptitle("Identification of LuGre friction: a line for each seed, a dot where the estimator ends")
+    figure.legend(loc="outside lower center", ncols=3 * len(results), frameon=False, fontsize=9)
+    title = "Identification: a line for each seed, a dot where the estimator ends"
+    figure.suptitle(textwrap.fill(title, PER_PANEL * len(results)))
     return figure

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from .simulators import SIMULATORS
+from .style import readable
 
 
 def fidelity(errors: Mapping[str, Any]) -> dict[str, Any]:
@@ -34,6 +35,11 @@ def _ratio(theirs: Mapping[str, Any], ours: Mapping[str, Any], key: str) -> dict
     return {"simulator": a, "ours": b, "ratio": a / b if b > 0 else None, "unit": theirs[key]["unit"]}
 
 
+def _compared(ratio: float) -> str:
+    """Ours beside theirs, from their error over ours."""
+    return f"{ratio:.3g} times less" if ratio >= 1 else f"{1 / ratio:.3g} times more"
+
+
 def sentences(table: Mapping[str, Any]) -> Iterator[str]:
     """One sentence per trajectory, simulator and model of ours."""
     for name, found in table.items():
@@ -41,12 +47,12 @@ def sentences(table: Mapping[str, Any]) -> Iterator[str]:
             for entry in rows.values():
                 force, label = entry["force_mse"], SIMULATORS[simulator][1]
                 moved = "".join(
-                    f"; {signal} rms off by {pair['simulator']:.2g} and {pair['ours']:.2g} {pair['unit']}"
+                    f"; {signal} rms off by {pair['simulator']:.2g} and {pair['ours']:.2g} {readable(pair['unit'])}"
                     for signal, pair in entry.get("position_rms", {}).items()
                 )
-                times = "" if force["ratio"] is None else f", {force['ratio']:.3g} times"
+                times = "" if force["ratio"] is None else f", {_compared(force['ratio'])}"
                 yield (
                     f"{name}, in simulation: mean square error of the force {force['simulator']:.3g} "
-                    f"{force['unit']} with {label}'s own friction, fitted, and {force['ours']:.3g} with "
+                    f"{readable(force['unit'])} with {label}'s own friction, fitted, and {force['ours']:.3g} with "
                     f"{entry['label']}{times}{moved}"
                 )

@@ -27,7 +27,10 @@ def columns(result: Mapping[str, Any]) -> list[str]:
     force = readable(next(iter(result["errors"].values()))["model"]["online"]["force_mse"]["unit"])
     heads = ["method"]
     for kind, text in KINDS.items():
-        heads += [f"{text} ({force})", *(["published"] if _has_published(result, kind) else [])]
+        heads += [
+            f"{text} ({force})",
+            *([f"published, {text}"] if _has_published(result, kind) else []),
+        ]
     runs = [entry.get("in_simulation", {}) for entry in methods]
     motion: Mapping[str, Any] = next((run for run in runs if "position_rms" in run), {})
     for kind in _MOTION:

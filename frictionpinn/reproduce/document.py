@@ -71,7 +71,7 @@ def _errors(methods: Mapping[str, Any]) -> str:
     best = methods.get("pe1", {}).get("in_simulation", {}).get("value")
     heads = ["method"]
     for kind in KINDS.values():
-        heads += [f"{kind}, N²", "published"]
+        heads += [f"{kind}, N²", f"published, {kind}"]
     body = []
     for row in sorted(methods.values(), key=lambda row: not row["model"]):
         cells = [row["label"]]

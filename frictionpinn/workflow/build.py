@@ -58,7 +58,9 @@ def build_system(cfg: Config) -> System:
         return folded(cfg["augmented"])[0]
     kind = choose(cfg["name"], SYSTEMS, "system")
     imposed = bool(cfg.get("imposed")) and not kind.massless
-    return kind(equations=cfg.get("equations", "lagrange"), imposed=imposed, **(cfg.get("parameters") or {}))
+    driven = cfg.get("driven")
+    return kind(equations=cfg.get("equations", "lagrange"), driven=None if driven is None else tuple(driven),
+                imposed=imposed, **(cfg.get("parameters") or {}))  # fmt: skip
 
 
 def build_friction(cfg: Config, system: System) -> FrictionLaw:

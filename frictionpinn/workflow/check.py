@@ -22,8 +22,8 @@ def check(cfg: Config) -> list[Finding]:
     system = build_system(cfg["system"])
     recording = build_noise(cfg["noise"])(build_recording(cfg["data"], system), seed_of(cfg))
     lengths = [float(trial.t[-1] - trial.t[0]) for trial in recording.trials]
-    rate = len(recording) / max(sum(lengths), 1e-300)
     count = len(recording.trials)
+    rate = (len(recording) - count) / max(sum(lengths), 1e-300)
     told = f"{len(recording)} samples in {count} trial{'s' if count > 1 else ''}, {sum(lengths):.4g} s, {rate:.4g} Hz"
     print(f"{recording.source}: {told}", flush=True)
     free = cfg.get("free") or ()

@@ -15,7 +15,8 @@ from ..data.split import split_trials
 from ..diagnose.augmented import save_augmented
 from ..diagnose.diagnosis import Diagnosis
 from ..diagnose.diagnosis import diagnose as run_diagnosis
-from ..diagnose.report import draw, equations, headline, in_latex, in_mathml, span, write_page
+from ..diagnose.notation import equations, in_latex, in_mathml
+from ..diagnose.report import draw, gain_together, headline, span, write_page
 from ..diagnose.select import Settings
 from ..diagnose.verdict import FOUND, NO_VERDICT, PARTLY, UNEXPLAINED
 from ..errors import UserError, choose
@@ -108,13 +109,12 @@ def report(d: Diagnosis, cfg: Config, folder: Path) -> dict[str, Any]:
         "commit": commit(),
         "config": cfg,
     }  # fmt: skip
-    written = equations(augmented)
+    written = equations(augmented, d.values)
     result["equation"] = "\n".join(in_latex(e) for e in written)
     paths = draw(folder / "figures", d)
     result["figures"] = [str(p.relative_to(folder)) for p in paths]
     write_json(folder / "result.json", result)
-    mathml = "<br>".join(in_mathml(e) for e in written)
-    write_page(folder / "report.html", result, headline(d), mathml, paths)
+    write_page(folder / "report.html", result, headline(d), in_mathml(written), paths, gain_together(d))
     dashboard(folder / "tensorboard", d, paths)
     log.info(headline(d))
     for sentence in d.declared.advice:
@@ -145,7 +145,7 @@ def next_step(d: Diagnosis, folder: Path) -> str:
         path = os.path.relpath(folder / "augmented.yaml")
         return f"{called('train')} model={model} friction={path} learns the law beside them"
     if d.verdict == NO_VERDICT:
-        return f"record what the doubts ask for; {called('check')} says what the recording holds"
+        return f"mend what the doubts name; {called('check')} says what the recording holds"
     if d.verdict == UNEXPLAINED:
         return f"{called('diagnose')} with diagnose.fallback=network puts a network in the place of the rest"
     return f"the model is complete as far as this recording tells; {os.path.relpath(folder)}/report.html shows it"
@@ -189,6 +189,7 @@ def as_dict(d: Diagnosis) -> dict[str, Any]:
         },
         "unexplained": None if rest is None else {
             "size": rest.size, "depends_on": list(rest.depends_on), "kind": rest.kind, "share": plain(rest.share),
+            "confirmed": rest.confirmed,
             "formula": rest.formula, "unit": rest.unit, "log10_p": plain(rest.log_p),
             "shape": {"x": rest.x.tolist(), "y": rest.shape.tolist(), "std": rest.error.tolist()},
             "network": _network(d),
@@ -217,7 +218,7 @@ def in_words(name: str) -> str:
     """What an effect is and where it occurs, as its docstring says; empty of one that has none."""
     told = EFFECTS[name].said() if name in EFFECTS else {}
     occurs = f"Occurs: {told['occurs']}" if told.get("occurs") else ""
-    return " ".join(filter(None, [told.get("equation", ""), occurs]))
+    return " ".join(filter(None, [told.get("equation", ""), occurs])).replace("``", "")
 
 
 def separate(name: str, others: list[str]) -> str:

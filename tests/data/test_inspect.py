@@ -78,3 +78,21 @@ def test_a_mass_that_is_to_be_estimated_is_not_held_against_a_recording():
     heavy = SYSTEMS["drive"](M=10.0)
     assert any("declared inertia" in str(f) for f in inspect(recording, heavy))
     assert inspect(recording, heavy, inertia_free=True) == []
+
+
+def pushed_or_sliding(force: str, noise: float, kept: tuple[str, ...]) -> list[str]:
+    """Findings of a drive that a force pushes, or that slides from a speed, with no force in its log."""
+    drive = SYSTEMS["drive"](M=2.0)
+    trials = [{"duration": 1.0, "force": force, "initial": {"v": v}} for v in (1.0, -1.2, 0.7)]
+    made = simulate_recording(drive, "coulomb_viscous", {"mu_c": 3.0, "sigma_2": 2.0}, trials, 200.0)
+    noisy = GaussianNoise(noise)(made, seed=0)
+    bare = [Trial(t.name, t.t, {n: y for n, y in t.signals.items() if n in kept}) for t in noisy.trials]
+    return [str(f) for f in inspect(Recording(tuple(bare), noisy.units), drive)]
+
+
+@pytest.mark.parametrize("kept", [("x", "v", "a"), ("x", "v"), ("x",)], ids=" ".join)
+def test_a_motion_that_speeds_up_without_a_force_is_told_and_a_free_slide_is_not(kept):
+    for noise in (0.0, 0.01):
+        (told,) = pushed_or_sliding("8*sin(2*pi*t)", noise, kept)
+        assert told.startswith("the motion speeds up without force") and "data.columns={..., force: ...}" in told
+        assert pushed_or_sliding("0*t", noise, kept) == []  # where it ends at rest the position is not clipped

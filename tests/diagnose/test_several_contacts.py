@@ -10,7 +10,8 @@ from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose.augmented import load_augmented
 from frictionpinn.diagnose.candidates import effects_for, remainders
 from frictionpinn.diagnose.diagnosis import diagnose
-from frictionpinn.diagnose.report import equations, headline, in_latex
+from frictionpinn.diagnose.notation import equations, in_latex
+from frictionpinn.diagnose.report import headline
 from frictionpinn.physics import SYSTEMS
 from frictionpinn.physics.contacts import law_named
 from frictionpinn.physics.mechanism import Mechanism

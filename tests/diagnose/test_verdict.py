@@ -79,3 +79,14 @@ def test_the_size_of_a_remainder_is_its_share_of_the_friction_force_without_what
     assert 0.1 < size(force, bumps, forces) < 0.2
     loose = replace(force, errors=np.diag(c**2) * 100)
     assert size(loose, bumps, forces) == 0.0
+
+
+def test_a_fit_that_ends_at_a_bound_that_was_given_gets_no_verdict():
+    import frictionpinn as fp
+
+    model = fp.mechanism("drive", "coulomb_viscous")
+    trials = [{"duration": 1.0, "force": "8*sin(2*pi*t)"}, {"duration": 1.0, "force": "9*sin(3*pi*t)"}]
+    log = fp.simulate(model, {"mu_c": 3.0, "sigma_2": 2.0}, trials, rate_hz=200, noise=0.01)
+    found = fp.diagnose(model, log, effects=["drag"], bounds={"mu_c": [1.0, 2.0]})
+    assert found.verdict == "no verdict" and "mu_c of the fit ended at its bound, 2: widen" in headline(found)
+    assert fp.diagnose(model, log, effects=["drag"], bounds={"mu_c": [1.0, 5.0]}).verdict == "nothing missing"

@@ -20,7 +20,7 @@ def test_the_ratio_stands_with_both_errors_for_the_identified_law_and_the_model(
     assert own["identified"]["force_mse"] == {"simulator": 0.2, "ours": 0.01, "ratio": 20.0, "unit": "N^2"}
     assert own["model"]["position_rms"]["x"]["ratio"] == 2.0
     first, second = sentences(table)
-    assert "0.2 N^2 with MuJoCo" in first and "0.01 with LuGre, 20 times" in first and "0.1 with PE1" in second
+    assert "0.2 N² with MuJoCo" in first and "0.01 with LuGre, 20 times less" in first and "0.1 with PE1" in second
 
 
 def test_a_simulation_that_failed_or_was_not_made_gives_no_ratio():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from frictionpinn.data.contact import ContactTrial
+from frictionpinn.evaluate.estimators import error_against_time
 from frictionpinn.evaluate.figures import force_over_time, force_over_velocity
 
 
@@ -55,3 +56,14 @@ def test_force_over_velocity_has_every_sample_of_every_trial(trial):
 def test_a_force_that_never_changes_can_be_drawn(trial):
     flat = ContactTrial("1", trial.t, {**trial.offline, "friction_force": np.zeros(50)}, {}, {}, {})
     assert drawn(force_over_time(flat, {"model": np.zeros(50)}, "N", "flat"))
+
+
+@pytest.mark.parametrize("panels", [1, 2])
+def test_titles_of_the_figure_of_estimators_fit_into_it(panels):
+    result = {"methods": {"maximum_likelihood": [{"trace": [(0.5, 2.0), (1.5, 0.3)]}], "genetic": [{"trace": []}]}}
+    figure = error_against_time({f"bounds {k}": result | {"units": {"force_mse": "N^2"}} for k in range(panels)})
+    drawn(figure)
+    box, canvas = figure._suptitle.get_window_extent(), figure.bbox
+    assert box.x0 >= canvas.x0 and box.x1 <= canvas.x1
+    legend = figure.legends[0].get_window_extent()
+    assert legend.x0 >= canvas.x0 and legend.x1 <= canvas.x1
