@@ -73,11 +73,9 @@ def margins(chosen: dict) -> None:
             if unstable(closed(name, motion, seed, arm(name), holds=RESTS))
         ]
         axes = {text.partition(",")[0] for text in found}
-        lines.append(
-            f"  {title:<40} {len(axes):>3} of {EACH * len(KINDS)}" + (f" ({'; '.join(found)})" if found else "")
-        )
-        print(lines[-1], flush=True)
-    save("stability", lines)
+        told = f" ({'; '.join(found)})" if found else ""
+        lines.append(f"  {title:<40} {len(axes):>3} of {EACH * len(KINDS)}{told}")
+        save("stability", lines)
     lines += [
         "",
         f"largest gain of the added torque, of {', '.join(f'{g:g}' for g in GAINS)}, before a limit cycle on",
