@@ -5,6 +5,8 @@
     python benchmarks/compensation.py --margins       # over-compensation, 100 random axes
     python benchmarks/compensation.py --latency       # one cycle in C and in Python
     python benchmarks/compensation.py --diagnosed     # the missing effect diagnosed and added before compensating
+    python benchmarks/compensation.py --oracle        # what separates our estimator from the oracle
+    python benchmarks/compensation.py --learned       # the online estimator's force and a network's
 
 Writes benchmarks/results/compensation*.json, .txt and compensation.html. What is adjustable in an arm (the bandwidth
 of what observes, the transition of a regularised sign) is chosen for every kind of axis on seeds 0 to 3, by the lowest
@@ -17,7 +19,8 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +29,7 @@ from omegaconf import OmegaConf
 
 from frictionpinn.control import Compensator, Gains, Loop, close, reference, tuned
 from frictionpinn.control.build import build_compensator
+from frictionpinn.control.loop import Adds
 from frictionpinn.control.pid import loop_dead_time
 from frictionpinn.control.references import halted
 
@@ -58,6 +62,13 @@ CHOICES = {  # what is adjustable in an arm, and the values tried
     "disturbance_observer": ("bandwidth", (15.0, 20.0, 30.0, 45.0, 60.0, 90.0)),
     "estimator": ("bandwidth", (15.0, 20.0, 30.0, 45.0, 60.0, 90.0)),
 }
+PARTS = {  # option -> module with a function of that name
+    "margins": "compensation_parts",
+    "latency": "compensation_parts",
+    "diagnosed": "compensation_diagnosed",
+    "oracle": "compensation_oracle",
+    "learned": "compensation_learned",
+}
 FIGURES = {"rms": "rms error", "peak": "peak error at reversals", "variation": "torque variation", "energy": "energy"}
 
 
@@ -88,15 +99,15 @@ def closed(
     name: str,
     motion: str,
     seed: int,
-    make: Callable[[Draw], Compensator | None],
-    given: Draw | None = None,
+    make: Callable[[Draw], Adds | None],
+    change: Callable[[Draw], Draw] = lambda it: it,
     holds: float = HOLDS,
 ) -> list[tuple[Loop, Draw]]:
-    """The loops of every axis of a reference, which ends at rest; ``given`` in the place of the seed's axis."""
+    """The loops of every axis of a reference, which ends at rest; ``change`` is made to the axes of the seed."""
     shape, period, phases = REFERENCES[motion]
     found = []
     for axis, phase in enumerate(phases):
-        it = given or draw(name, seed + 500_000 * axis)
+        it = change(draw(name, seed + 500_000 * axis))
         path = reference(shape, KINDS[name].amplitude, period, **({"phase": phase} if shape == "sine" else {}))
         path, duration = halted(path, MOVES), MOVES + holds
         loop = close(it.plant, controller(name), path, duration, make(it), (it.model, it.believed), INTERVAL, DELAY)
@@ -139,10 +150,9 @@ def made(chosen: dict, name: str, arm: str, **more: float) -> Callable[[Draw], C
     return lambda it: compensator(arm, it, **{**own, **more})
 
 
-def tune() -> dict[str, dict[str, float]]:
-    """What is adjustable in an arm, for every kind of axis, chosen on the tuning seeds."""
-    chosen: dict[str, dict[str, float]] = {}
-    for name in KINDS:
+def tune(chosen: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
+    """What is adjustable in an arm, for every kind of axis not yet there, chosen on the tuning seeds."""
+    for name in [kind for kind in KINDS if kind not in chosen]:
         chosen[name] = {}
         for arm, (_, values) in CHOICES.items():
             scores = {}
@@ -155,10 +165,10 @@ def tune() -> dict[str, dict[str, float]]:
     return chosen
 
 
-def measure(chosen: dict, seeds: range) -> dict:
+def measure(chosen: dict, seeds: range, kinds: Iterable[str]) -> dict:
     """Figures of every kind of axis, reference, arm and seed."""
     table: dict = {}
-    for name in KINDS:
+    for name in kinds:
         for motion in REFERENCES:
             begun = time.time()
             for arm in ARMS:
@@ -174,30 +184,34 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--tune", action="store_true", help="tune anew")
-    for part in ("margins", "latency", "diagnosed", "page"):
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="measure these, keep the others")
+    for part in (*PARTS, "page"):
         parser.add_argument(f"--{part}", action="store_true")
     arguments = parser.parse_args()
     import compensation_report as report
 
     tuned_file = RESULTS / "compensation_tuned.json"
-    if arguments.tune or not tuned_file.exists():
-        tuned_file.write_text(json.dumps(tune(), indent=1) + "\n", encoding="utf-8")
-    chosen = json.loads(tuned_file.read_text(encoding="utf-8"))
-    if arguments.margins or arguments.latency or arguments.diagnosed:
-        import compensation_parts as parts
-
-        for name in ("margins", "latency", "diagnosed"):
-            if getattr(arguments, name):
-                getattr(parts, name)(chosen)
+    chosen = {} if arguments.tune or not tuned_file.exists() else json.loads(tuned_file.read_text(encoding="utf-8"))
+    if set(chosen) < set(KINDS):
+        tuned_file.write_text(json.dumps(tune(chosen), indent=1) + "\n", encoding="utf-8")
+    asked = [name for name in PARTS if getattr(arguments, name)]
+    if asked:
+        for name in asked:
+            getattr(import_module(PARTS[name]), name)(chosen)
     elif not arguments.page:
-        begun = time.time()
-        table = measure(chosen, range(FIRST, FIRST + arguments.seeds))
-        result = {"seeds": [FIRST, FIRST + arguments.seeds - 1], "seconds": round(time.time() - begun), "table": table}
-        if arguments.seeds >= 20:
-            (RESULTS / "compensation.json").write_text(json.dumps(result) + "\n", encoding="utf-8")
-        else:
+        begun, seeds = time.time(), [FIRST, FIRST + arguments.seeds - 1]
+        table, file = measure(chosen, range(FIRST, seeds[1] + 1), arguments.kinds), RESULTS / "compensation.json"
+        result = {"seeds": seeds, "seconds": round(time.time() - begun), "table": table}
+        if arguments.seeds < 20:
             print(report.text(result, chosen))
             return
+        if set(table) < set(KINDS):
+            before = json.loads(file.read_text(encoding="utf-8"))
+            if before["seeds"] != seeds:
+                raise SystemExit(f"{file.name} holds seeds {before['seeds']}: measure all kinds")
+            result["table"] = {name: (before["table"] | table)[name] for name in KINDS}
+            result["seconds"] += before["seconds"]
+        file.write_text(json.dumps(result) + "\n", encoding="utf-8")
     report.write(chosen)
 
 

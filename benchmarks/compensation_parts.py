@@ -1,4 +1,4 @@
-"""Further parts of benchmarks/compensation.py: stability, time of a cycle, and the whole chain with a diagnosis."""
+"""Further parts of benchmarks/compensation.py: stability, and time of a cycle."""
 
 from __future__ import annotations
 
@@ -12,34 +12,24 @@ from pathlib import Path
 import numpy as np
 from compensation import (
     ARMS,
-    DELAY,
     FIRST,
     INTERVAL,
     MOVES,
-    RESULTS,
     SETTLES,
     closed,
     compensator,
     config,
-    controller,
-    figures,
     limit_cycle,
     made,
 )
 from compensation_plants import KINDS, LOAD, Draw, draw
+from compensation_report import save
 
-from frictionpinn.control import Compensator, close, reference
-from frictionpinn.control.record import recorded
-from frictionpinn.errors import UserError
+from frictionpinn.control import Compensator, reference
 from frictionpinn.export.compensator import write_compensator_c
-from frictionpinn.physics.mechanism import Mechanism
-from frictionpinn.workflow.compensate import identified
 
-EFFECTS = ("asymmetry", "position_friction", "ripple")  # that a diagnosis tries: those of the axes
-TRIED = ("slow triangle", "reversing sine", "point to point", "multisine")
-DIAGNOSED = (FIRST, FIRST + 1)  # seeds: without and with the load
 GAINS = (1.0, 1.25, 1.5, 2.0, 3.0)
-RANDOM, EACH = 2000, 25  # first seed of the random axes, axes of each kind
+RANDOM, EACH = 3000, 20  # first seed of the random axes, which no choice has seen; axes of each kind
 STABILITY = ("slow triangle", "point to point")
 RESTS = 3.0  # s, at rest after a motion
 AFTER = 0.25  # s after a turn or a start of the reference, in which an axis may still turn
@@ -75,15 +65,17 @@ def margins(chosen: dict) -> None:
         "our estimator, bandwidth as tuned": lambda name: made(chosen, name, "estimator"),
     }
     for title, arm in cases.items():
-        counts = {}
-        for name in KINDS:
-            seeds = range(RANDOM + 1, RANDOM + 1 + 2 * EACH, 2)  # odd seeds carry the load
-            runs = [[closed(name, m, seed, arm(name), holds=RESTS) for m in STABILITY] for seed in seeds]
-            counts[name] = sum(any(map(unstable, loops)) for loops in runs)
-        told = ", ".join(f"{name} {count}" for name, count in counts.items())
-        lines.append(f"  {title:<40} {sum(counts.values()):>3} of {EACH * len(KINDS)} ({told})")
-        print(lines[-1], flush=True)
-    _save("stability", lines)
+        found = [
+            f"{name} {seed}, {motion}"
+            for name in KINDS
+            for seed in range(RANDOM + 1, RANDOM + 1 + 2 * EACH, 2)  # odd seeds carry the load
+            for motion in STABILITY
+            if unstable(closed(name, motion, seed, arm(name), holds=RESTS))
+        ]
+        axes = {text.partition(",")[0] for text in found}
+        told = f" ({'; '.join(found)})" if found else ""
+        lines.append(f"  {title:<40} {len(axes):>3} of {EACH * len(KINDS)}{told}")
+        save("stability", lines)
     lines += [
         "",
         f"largest gain of the added torque, of {', '.join(f'{g:g}' for g in GAINS)}, before a limit cycle on",
@@ -93,7 +85,7 @@ def margins(chosen: dict) -> None:
     for arm_name in [name for name in ARMS if name != "none"]:
         cells = [f"{_margin(chosen, name, arm_name):>10}" for name in KINDS]
         lines.append(f"  {ARMS[arm_name]:<34}" + "".join(cells))
-    _save("stability", lines)
+    save("stability", lines)
 
 
 def default(arm: str) -> Callable[[str], Callable[[Draw], Compensator | None]]:
@@ -155,7 +147,7 @@ def latency(chosen: dict) -> None:
         for kind, times in spent.items():
             lines.append(f"  {name + ', ' + ARMS[arm]:<34} {kind:<14} median {np.median(times):8.2f}  "
                          f"99 % {np.quantile(times, 0.99):8.2f}  worst {times.max():8.2f}")  # fmt: skip
-    _save("latency", lines)
+    save("latency", lines)
 
 
 def _in_c(own, rows: np.ndarray) -> np.ndarray:
@@ -183,69 +175,3 @@ def _in_python(own, rows: np.ndarray) -> np.ndarray:
         spent[k] = time.perf_counter() - begun
     gc.enable()
     return 1e6 * spent[1:]
-
-
-def diagnosed(chosen: dict) -> None:
-    """The missing effect, diagnosed on recordings with the PID alone and added before compensating."""
-    lines = [
-        "python benchmarks/compensation.py --diagnosed",
-        "identified from 12 s with the PID alone (encoder and torque at 100 Hz), believed parameters 20 % wrong as",
-        f"starts; effects tried: {', '.join(EFFECTS)}; rms error, LuGre alone and with what the diagnosis added,",
-        f"medians over {', '.join(TRIED)}",
-        "",
-    ]
-    rows = []
-    for name in KINDS:
-        for seed in DIAGNOSED:
-            try:
-                rows.append(_diagnosed(chosen, name, seed))
-                lines.append(rows[-1]["line"])
-            except UserError as error:
-                lines.append(f"  {name} {seed}: could not be identified ({error})")
-            print(lines[-1], flush=True)
-    for arm in ("feedforward", "estimator"):
-        better = {r["name"] for r in rows if r["found"] and r[arm] < 1.0}
-        lines.append(f"{ARMS[arm]}: a lower median with the added effect in {', '.join(sorted(better)) or 'no'} axes")
-    _save("diagnosed", lines)
-
-
-def _diagnosed(chosen: dict, name: str, seed: int) -> dict:
-    kind, it = KINDS[name], draw(name, seed)
-    shapes = (("triangle", 4.0, 1.0), ("sine", 2.0, 1.0), ("multisine", 3.0, 1.3), ("sine", 1.0, 0.7))
-    alone = {
-        str(k + 1): close(it.plant, controller(name), reference(shape, size * kind.amplitude, period), 3.0, None,
-                          (it.model, it.believed), INTERVAL, DELAY)
-        for k, (shape, period, size) in enumerate(shapes)
-    }  # fmt: skip
-    system = {key: it.believed[key] for key in ("M", "J", "W_cos", "W_sin") if key in it.believed}
-    declared = Mechanism(type(it.model.system)(**system), it.model.law)
-    law = [par.name for par in declared.law.parameters if par.value is None]
-    free = [*law, *(key for key, value in system.items() if value)]
-    recording = recorded(alone, declared, DELAY, 100.0)
-    begun, models = time.time(), {}
-    with tempfile.TemporaryDirectory() as place:
-        for case, effects in (("alone", []), ("added", list(EFFECTS))):
-            options = {"free": free, "start": {key: it.believed[key] for key in free}}
-            models[case] = identified(declared, recording, Path(place), effects=effects, **options)
-    told = {}
-    for arm in ("feedforward", "estimator"):
-        medians = {}
-        for case, (mechanism, values, _) in models.items():
-            found = Draw(it.plant, mechanism, values, it.loaded)
-            rms = [figures(closed(name, motion, seed, made(chosen, name, arm), found))["rms"] for motion in TRIED]
-            medians[case] = float(np.median(rms))
-        told[arm] = medians
-    mechanism, _, verdict = models["added"]
-    names = [effect.name for effect in mechanism.effects]
-    scale = 1e6
-    cells = "; ".join(f"{ARMS[arm]} {scale * m['alone']:.3g} to {scale * m['added']:.3g}" for arm, m in told.items())
-    line = (f"  {name} {seed}: true effect {kind.effect}; {verdict}: {', '.join(names) or 'nothing'} "
-            f"({time.time() - begun:.0f} s); rms in µ: {cells}")  # fmt: skip
-    return {"name": name, "found": bool(names), "line": line,
-            **{arm: m["added"] / m["alone"] for arm, m in told.items()}}  # fmt: skip
-
-
-def _save(name: str, lines: list[str]) -> None:
-    text = "\n".join(lines) + "\n"
-    (RESULTS / f"compensation_{name}.txt").write_text(text, encoding="utf-8")
-    print(text)

@@ -185,3 +185,10 @@ def write(chosen: dict) -> None:
         body += f"<pre>{html.escape(path.read_text(encoding='utf-8'))}</pre>\n"
     (RESULTS / "compensation.html").write_text(page("Friction compensation in a closed loop", body), encoding="utf-8")
     print(told)
+
+
+def save(name: str, lines: list[str]) -> None:
+    """Write a part of the result, and show it."""
+    text = "\n".join(lines) + "\n"
+    (RESULTS / f"compensation_{name}.txt").write_text(text, encoding="utf-8")
+    print(text)

@@ -4,8 +4,9 @@
     >>> model = fp.mechanism(fp.system("drive", M=2.0), "coulomb_viscous")
 
 ``read``, ``simulate`` and ``check`` a recording; ``fit`` a model to it, ``bound`` what it can tell, ``diagnose`` what
-the model lacks; ``train`` a network, ``evaluate`` and ``export`` it, estimate ``online``. Results print as tables, show
-in a notebook with their figures, and have ``plot()``, ``to_dict()`` and ``save()``. What goes on inside is logged:
+the model lacks; ``train`` a network, ``evaluate`` and ``export`` it, estimate ``online``, ``compensate`` beside a
+controller. Results print as tables, show in a notebook with their figures, and have ``plot()``, ``to_dict()`` and
+``save()``. What goes on inside is logged:
 ``logging.basicConfig(level="INFO", format="%(message)s")`` shows it.
 """
 
@@ -16,6 +17,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .api.compensation import compensate
     from .api.estimates import bound, diagnose, fit, online
     from .api.models import effects, laws, mechanism, system, systems
     from .api.recordings import check, read, simulate
@@ -27,6 +29,7 @@ __all__ = [
     "UserError",
     "bound",
     "check",
+    "compensate",
     "diagnose",
     "effects",
     "evaluate",
@@ -48,6 +51,7 @@ _PLACES = {
     **dict.fromkeys(("effects", "laws", "mechanism", "system", "systems"), "api.models"),
     **dict.fromkeys(("check", "read", "simulate"), "api.recordings"),
     **dict.fromkeys(("evaluate", "export", "train"), "api.training"),
+    "compensate": "api.compensation",
     "UserError": "errors",
 }
 

@@ -19,6 +19,7 @@ GROUPS = {
     "A model": ("system", "mechanism"),
     "A recording": ("read", "simulate", "check"),
     "What it tells": ("fit", "bound", "diagnose", "online"),
+    "A controller": ("compensate",),
     "A network": ("train", "evaluate", "export"),
     "What goes wrong": ("UserError",),
 }
@@ -31,6 +32,7 @@ RESULTS = {
     "diagnose.diagnosis": ("Diagnosis",),
     "api.training": ("Run", "Evaluation"),
     "online.estimator": ("OnlineEstimator", "Reading"),
+    "control.compensator": ("Compensator", "Command"),
     "show": ("Shown", "Table"),
 }
 PAGES = (

@@ -66,7 +66,7 @@ def fit(
         ('converged', 3.0)
     """
     extensions.load()
-    _known("fit", options, [*_parameters_of(Problem.__init__)[3:], "epochs", "simulations"])
+    known_options("fit", options, [*_parameters_of(Problem.__init__)[3:], "epochs", "simulations"])
     admit(mechanism.system, recording, check, options.get("free") or ())
     with clock():
         return estimate(method, mechanism, recording, start=start, seed=seed, **options)
@@ -96,8 +96,8 @@ def bound(mechanism: Mechanism, recording: Recording, values: Values, **options:
         True
     """
     extensions.load()
-    _known("bound", options, _parameters_of(Problem.__init__)[3:])
-    return cramer_rao(mechanism, recording, _values(values), **options)
+    known_options("bound", options, _parameters_of(Problem.__init__)[3:])
+    return cramer_rao(mechanism, recording, values_of(values), **options)
 
 
 def diagnose(
@@ -145,7 +145,7 @@ def diagnose(
     extensions.load()
     system = mechanism.system
     defaults = composed("diagnose", ["data.path=recording"])
-    _known("diagnose", options, [key for key in defaults["diagnose"] if key != "declared"])
+    known_options("diagnose", options, [key for key in defaults["diagnose"] if key != "declared"])
     cfg = composed("diagnose", ["data.path=recording", *(f"diagnose.{k}={written(v)}" for k, v in options.items())])
     admit(system, recording, check, cfg["diagnose"]["free"] or ())
     cfg["diagnose"]["declared"] = [effect.name for effect in mechanism.effects]
@@ -192,10 +192,10 @@ def online(
         ('ok', True)
     """
     admit(mechanism.system, recording, check)
-    return OnlineEstimator.fit(mechanism, _values(parameters), recording, adapt)
+    return OnlineEstimator.fit(mechanism, values_of(parameters), recording, adapt)
 
 
-def _values(values: Values) -> dict[str, float]:
+def values_of(values: Values) -> dict[str, float]:
     """Parameters by name, of an estimate too."""
     return dict(values.values if isinstance(values, Estimate) else values)
 
@@ -204,7 +204,7 @@ def _parameters_of(function: Any) -> list[str]:
     return list(inspect.signature(function).parameters)
 
 
-def _known(function: str, options: Iterable[str], allowed: Sequence[str]) -> None:
+def known_options(function: str, options: Iterable[str], allowed: Sequence[str]) -> None:
     for key in options:
         if key not in allowed:
             raise UserError("unknown option", where=function, received=key, allowed=", ".join(allowed),

@@ -8,6 +8,7 @@ from typing import Any
 import sympy as sp
 
 from ..errors import UserError, choose
+from ..online.check import parameter_vector
 from ..physics import CONTACT, LAWS
 from ..physics.mechanism import Mechanism
 from .compensator import Compensator, check_axis
@@ -65,7 +66,9 @@ def build_compensator(
 def dry_friction(mechanism: Mechanism, parameters: Mapping[str, float]) -> float:
     """Dry friction at the edge of sliding, in the system's unit of force: the scale of a compensator's numbers."""
     law, system = mechanism.law, mechanism.system
-    values = {par.name: par.value for par in mechanism.parameters} | system.values | dict(parameters)
+    names = [par.name for par in mechanism.parameters]
+    vector = parameter_vector(mechanism, names, {name: parameters[name] for name in names if name in parameters})
+    values = dict(zip(names, vector.tolist(), strict=True))
     rest = {symbol: 0 for c in system.moving for symbol in c.symbols} | {item.symbol: 0 for item in system.inputs}
     capacity = sp.sympify(law.capacity(CONTACT, law.symbols)).subs({CONTACT.v: 0}).subs(CONTACT.N, system.N.subs(rest))
     return float(capacity.subs({par.symbol: values[par.name] for par in mechanism.parameters}))

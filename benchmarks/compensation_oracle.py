@@ -1,0 +1,95 @@
+"""What stands between an arm and the oracle: each piece of knowledge given to our estimator alone, then all of it.
+
+    python benchmarks/compensation.py --oracle
+
+The oracle is told what no arm can measure beforehand: the undeclared effect with its size, every parameter, the load
+and the delay. A rung of the table gives one of these to our estimator and leaves the rest as it is; the encoder's rung
+gives a finer encoder to arm and oracle alike. Seeds are those on which arms are tuned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from compensation import CHOICES, DELAY, INTERVAL, REFERENCES, TUNING, closed, compensator, config, figures
+from compensation_plants import KINDS, Draw
+from compensation_report import save
+
+from frictionpinn.control import Compensator
+from frictionpinn.control.build import build_compensator
+
+SYSTEM = ("M", "J", "W_cos", "W_sin", "preload")
+FINER = 100.0  # times as many steps of the encoder
+WITHIN = 1.5  # times the oracle's error: what is asked of our estimator
+RUNGS: dict[str, tuple[str, ...]] = {
+    "as it is": (),
+    "knows the delay": ("delay",),
+    "knows mass, gravity and load": ("system",),
+    "knows the law's parameters": ("law",),
+    "knows the effect": ("effect",),
+    "knows effect and parameters": ("effect", "law", "system"),
+    "knows all": ("effect", "law", "system", "delay"),
+}
+
+
+def told(it: Draw, knows: tuple[str, ...], options: dict[str, float]) -> Compensator | None:
+    """Our estimator with true values in the place of what is believed."""
+    truth, believed, model = it.plant.parameters, dict(it.believed), it.model
+    if "effect" in knows:
+        model = it.plant.mechanism
+        believed |= {name: value for name, value in truth.items() if name not in believed}
+    for name in believed:
+        if ("system" if name in SYSTEM else "law") in knows:
+            believed[name] = truth[name]
+    delay = it.plant.delay if "delay" in knows else DELAY
+    loop = {"interval": INTERVAL, "delay": delay, "resolution": it.plant.resolution, "known": it.believed}
+    return build_compensator(config("estimator", **options), model, believed, **loop)
+
+
+def finer(it: Draw) -> Draw:
+    """The axis with a finer encoder."""
+    return replace(it, plant=replace(it.plant, resolution=it.plant.resolution / FINER))
+
+
+def oracle(chosen: dict) -> None:
+    """Rms error of every rung relative to the oracle's, medians over seeds."""
+    width, columns = 34, list(REFERENCES)
+    lines = [
+        "python benchmarks/compensation.py --oracle",
+        f"our estimator's rms error over the oracle's, medians over seeds {TUNING[0]} to {TUNING[-1]}; each row",
+        f"gives it one piece of what the oracle knows; wanted: at most {WITHIN:g}",
+    ]
+    counts = dict.fromkeys([*RUNGS, "bandwidth twice as high", "finer encoder, both"], 0)
+    for name in KINDS:
+        chosen_here = {CHOICES["estimator"][0]: chosen[name]["estimator"]}
+        wide = {key: 2 * value for key, value in chosen_here.items()}
+        base = {motion: _rms(name, motion, lambda it: compensator("oracle", it)) for motion in REFERENCES}
+        fine = {motion: _rms(name, motion, lambda it: compensator("oracle", it), finer) for motion in REFERENCES}
+        rows: dict[str, list[float]] = {}
+        for title, knows in RUNGS.items():
+            rows[title] = [_ratio(name, m, _maker(knows, chosen_here), base[m]) for m in REFERENCES]
+        rows["bandwidth twice as high"] = [_ratio(name, m, _maker((), wide), base[m]) for m in REFERENCES]
+        rows["finer encoder, both"] = [_ratio(name, m, _maker((), chosen_here), fine[m], finer) for m in REFERENCES]
+        lines += ["", f"  {name:<{width}}" + "".join(f"{text:>16}" for text in columns)]
+        for title, cells in rows.items():
+            counts[title] += sum(cell <= WITHIN for cell in cells)
+            lines.append(f"    {title:<{width - 2}}" + "".join(f"{cell:>16.2f}" for cell in cells))
+        print("\n".join(lines[-len(rows) - 1 :]), flush=True)
+    n = len(KINDS) * len(REFERENCES)
+    lines += ["", f"settings within {WITHIN:g} times the oracle's, of {n}"]
+    lines += [f"    {title:<{width - 2}}{count:>4}" for title, count in counts.items()]
+    save("oracle", lines)
+
+
+def _maker(knows: tuple[str, ...], options: dict[str, float]) -> Callable[[Draw], Compensator | None]:
+    return lambda it: told(it, knows, options)
+
+
+def _rms(name: str, motion: str, make: Callable, change: Callable[[Draw], Draw] = lambda it: it) -> np.ndarray:
+    return np.array([figures(closed(name, motion, seed, make, change))["rms"] for seed in TUNING])
+
+
+def _ratio(name: str, motion: str, make: Callable, base: np.ndarray, change: Callable = lambda it: it) -> float:
+    return float(np.median(_rms(name, motion, make, change) / base))

@@ -1,0 +1,65 @@
+"""An identified mechanism as a compensator: from an estimate, as C99, and what cannot be in one line."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import frictionpinn as fp
+from frictionpinn.control.compensator import Compensator
+
+VALUES = {"mu_c": 3.0, "sigma_2": 2.0}
+TRIALS = [{"duration": 1.0, "force": "8*sin(2*pi*t)"}, {"duration": 1.0, "force": "9*sin(3*pi*t)"}]
+
+
+@pytest.fixture(scope="module")
+def model():
+    return fp.mechanism(fp.system("drive", M=2.0), "coulomb_viscous")
+
+
+def test_an_estimate_from_an_imposed_motion_compensates_the_axis_with_its_motion_free(model):
+    log = fp.simulate(model, VALUES, TRIALS, rate_hz=200, noise=0.01)
+    imposed = fp.mechanism(fp.system("drive", M=2.0, imposed=True), "coulomb_viscous")
+    fitted = fp.fit(imposed, log)
+    made = fp.compensate(imposed, fitted, delay=1e-3)
+    assert isinstance(made, Compensator) and not made.mechanism.system.imposed
+    assert made.parameters["M"] == 2.0 and made.parameters["mu_c"] == pytest.approx(3.0, rel=0.05)
+
+
+def test_options_of_the_configuration_are_those_of_the_function(model):
+    made = fp.compensate(model, VALUES, limit=2.0, adapt={"mu_c": 0.2}, spread={"mu_c": 0.1})
+    assert made.adapt == {"mu_c": 0.2} and made.spread == {"mu_c": 0.1}
+    assert made.plan.limit == pytest.approx(2.0 * 3.0)
+
+
+def test_what_the_controller_does_not_know_is_added_too(model):
+    plain = fp.compensate(model, VALUES, control="feedforward")
+    loaded = fp.compensate(model, VALUES | {"M": 3.0}, control="feedforward", known=VALUES | {"M": 2.0})
+    torques = [made.update((0.0, 0.1, 4.0), 0.0, 0.0).torque for made in (plain, loaded)]
+    assert np.diff(torques) == pytest.approx([4.0], rel=1e-3)
+
+
+def test_a_folder_receives_the_c_code(model, tmp_path):
+    fp.compensate(model, VALUES, folder=tmp_path / "controller")
+    assert sorted(path.name for path in (tmp_path / "controller").iterdir()) == ["compensator.c", "compensator.h"]
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda m: fp.compensate(m, VALUES, control="estimater"), "did you mean 'estimator'"),
+        (lambda m: fp.compensate(m, VALUES, control="none"), "a controller alone needs none"),
+        (lambda m: fp.compensate(m, VALUES, bandwith=30.0), "did you mean 'bandwidth'"),
+        (lambda m: fp.compensate(m, VALUES | {"mu_d": 1.0}), "parameters.mu_d"),
+        (lambda m: fp.compensate(m, {"mu_c": 3.0}), "sigma_2"),
+        (lambda m: fp.compensate(m, VALUES, adapt={"mu": 0.1}), "compensate.adapt.mu"),
+        (lambda m: fp.compensate(m, VALUES, interval=0.0), "interval is 0"),
+        (lambda m: fp.compensate(m, VALUES, limit=-1.0), "limit"),
+        (lambda m: fp.compensate(fp.mechanism("pob", "lugre"), {}), "drive, joint, pendulum"),
+        (lambda m: fp.compensate(m, VALUES, control="stribeck"), "mu_s, v_s were not"),
+    ],
+)
+def test_what_cannot_be_is_told_in_one_line(model, call, said):
+    with pytest.raises(fp.UserError, match=said) as caught:
+        call(model)
+    assert "\n" not in str(caught.value)

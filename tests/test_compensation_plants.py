@@ -1,0 +1,43 @@
+"""The axes of benchmarks/compensation.py: drawn alike every time, never what is believed, the same in MuJoCo."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+
+pytest.importorskip("mujoco", reason="needs the extra: pip install -e '.[mujoco]'")
+
+from compensation_plants import ERROR, KINDS, LOAD, draw
+
+from frictionpinn.control import close, reference, tuned
+from frictionpinn.control.pid import loop_dead_time
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_seed_draws_the_same_axis_and_what_is_believed_of_it_is_wrong(name):
+    it, again, loaded = draw(name, 3, load=1.0), draw(name, 3, load=1.0), draw(name, 3)
+    truth = it.plant.parameters
+    assert truth == again.plant.parameters and it.believed == again.believed
+    assert [effect.name for effect in it.plant.mechanism.effects] == [KINDS[name].effect] and not it.model.effects
+    for key in set(it.believed) - {"preload", "mu_s", "W_sin"}:
+        assert abs(it.believed[key] / truth[key] - 1) == pytest.approx(ERROR)
+    assert all(loaded.plant.parameters[key] == pytest.approx(LOAD * truth[key]) for key in KINDS[name].loaded)
+
+
+def test_every_kind_has_random_numbers_of_its_own():
+    assert len({kind.stream for kind in KINDS.values()}) == len(KINDS)
+
+
+def test_a_trolley_in_mujoco_whose_pole_hangs_still_moves_as_the_drive_of_our_simulator():
+    it = draw("trolley", 0, load=1.0)
+    own = replace(it.plant, foreign=None)
+    gains = tuned(own.parameters["M"], loop_dead_time(1.5e-3, 1e-3), limit=own.limit)
+    slow = reference("sine", 2e-3, 2.0)  # too small and slow a motion to swing the pole
+    loops = [close(plant, gains, slow, 1.0, None, (it.model, it.believed), delay=1.5e-3) for plant in (own, it.plant)]
+    ours, foreign = (loop.error[50:] for loop in loops)
+    assert np.std(foreign - ours) < 0.05 * np.std(ours)
+    assert np.std(loops[1].friction - loops[0].friction) < 0.05 * np.std(loops[0].friction)
