@@ -87,4 +87,5 @@ def freed(mechanism: Mechanism) -> Mechanism:
     system = mechanism.system
     if not system.imposed:
         return mechanism
-    return Mechanism(type(system)(equations=system.equations, **system.values), mechanism.law, mechanism.effects)
+    free = type(system)(equations=system.equations, **system.values)  # type: ignore[arg-type]
+    return Mechanism(free, mechanism.law, mechanism.effects)

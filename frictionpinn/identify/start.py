@@ -19,6 +19,7 @@ from scipy.stats import qmc
 from ..numerics.parallel import in_parallel
 from ..numerics.paths import InputPath
 from ..physics.base import beside, contact_of, plain_name
+from ..physics.scan import DECADES
 from .problem import Problem
 from .solve import GIVEN, Evaluate, Solution, State, levenberg_marquardt
 from .space import Space
@@ -140,7 +141,10 @@ def coarse_design(problem: Problem) -> list[np.ndarray]:
             elif name in signed:
                 p[name] = bounds[name][0] + x * (bounds[name][1] - bounds[name][0])
             else:
-                p[name] = _between(*bounds[name], x)
+                low, high = bounds[name]
+                if own == "sigma_0" and name not in problem.bounded:  # a softer one is found by the descent
+                    low = max(low, start[name] / 10**DECADES)
+                p[name] = _between(low, high, x)
         result.append(p)
     if not dims:  # what one kind of friction does not explain may be another's
         kinds = [name for name in alone if name in space.names]
