@@ -43,9 +43,9 @@ __all__ = [
     "train",
 ]
 
-# Rounds, some tens of microseconds, after which threads of torch (GNU OpenMP) that wait for one another go to sleep. On a
-# machine that others keep busy they would hold for milliseconds the core that the other thread needs: two threads took
-# 24 times what they take with this, and 20 times what one takes. To be set before torch is loaded.
+# Rounds, some tens of microseconds, after which threads of torch (GNU OpenMP) that wait for one another go to sleep.
+# Where others keep the machine busy they would hold for milliseconds the core that the other thread needs: two threads
+# took 24 times what they take so, and 20 times what one takes. To be set before torch is loaded.
 os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 # Name -> module, imported on first use: torch alone takes seconds.
