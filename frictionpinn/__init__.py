@@ -12,6 +12,7 @@ controller. Results print as tables, show in a notebook with their figures, and 
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -44,6 +45,11 @@ __all__ = [
     "systems",
     "train",
 ]
+
+# Rounds, some tens of microseconds, after which threads of torch (GNU OpenMP) that wait for one another go to sleep.
+# Where others keep the machine busy they would hold for milliseconds the core that the other thread needs: two threads
+# took 24 times what they take so, and 20 times what one takes. To be set before torch is loaded.
+os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 # Name -> module, imported on first use: torch alone takes seconds.
 _PLACES = {

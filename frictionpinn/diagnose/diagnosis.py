@@ -241,9 +241,7 @@ def _reasons(
         elif t.untested:
             result[c.name] = Refused(c, "could not be tested: its derivatives overflow in the simulation")
         elif t.freedom == 0:
-            result[c.name] = Refused(
-                c, "does not act in this recording, or as parameters do that are estimated already"
-            )
+            result[c.name] = Refused(c, "acts not at all in this recording, or as what is estimated already")
         elif t.log_p + np.log10(len(options)) > settings.log_p:
             early = first.get(c.name)
             explained = early is not None and early.log_p + np.log10(len(options)) < settings.log_p and accepted

@@ -35,7 +35,7 @@ def equations(mechanism: Mechanism, told: Collection[str] | None = None) -> list
     result = []
     for at in mechanism.contacts:
         below, prefix = f"_{at.name}" if at.name else "", f"{at.name}."
-        names = {symbol: sp.Symbol(name + below) for symbol, name in SHORT.items()}
+        names = {symbol: sp.Symbol(name + below) for symbol, name in (SHORT | {LOAD: LOAD.name}).items()}
         own = [s for s in vars(mechanism.p).values() if s.name.startswith(prefix)]
         names |= {s: sp.Symbol(s.name.removeprefix(prefix) + below) for s in own}
         for name, side in _sides(at, mechanism, nothing):

@@ -45,6 +45,15 @@ def test_the_package_is_imported_in_half_a_second_and_without_torch():
     assert float(told[0]) < 0.5 and not {"torch", "numpy", "sympy", "numba"} & set(told[1:])
 
 
+@pytest.mark.parametrize(("given", "kept"), [(None, "10000"), ("7", "7")])
+def test_threads_that_wait_sleep_soon_unless_the_user_has_said_how(monkeypatch, given, kept):
+    monkeypatch.delenv("GOMP_SPINCOUNT", raising=False)
+    if given:
+        monkeypatch.setenv("GOMP_SPINCOUNT", given)
+    code = "import frictionpinn, os; print(os.environ['GOMP_SPINCOUNT'])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == kept
+
+
 def test_a_folder_of_the_package_is_the_function_of_its_name_too():
     import frictionpinn.diagnose.diagnosis
 

@@ -37,5 +37,11 @@ def test_strengths_that_were_not_estimated_are_left_out_and_so_are_constants_tha
     assert in_latex(force).startswith("F = ")
 
 
+def test_each_of_several_contacts_has_its_own_load():
+    made = Mechanism(SYSTEMS["pob_hinge"](), LAWS["coulomb"](), ("asymmetry@hinge",))
+    box, *hinge = (in_latex(e) for e in equations(made))
+    assert "law" not in box and "N_{law hinge}" in hinge[0] and hinge[-1].startswith("N_{law hinge} = N_{hinge}")
+
+
 def test_a_chance_that_no_noise_could_tell_has_no_figure():
     assert chance(-38.1) == "8e-39" and chance(-10671.0) == "below 1e-100"

@@ -12,10 +12,13 @@ from system_cases import (
     residuals,
 )
 
+import frictionpinn as fp
 from frictionpinn.data.units import registry
 from frictionpinn.errors import UserError
 from frictionpinn.physics import SYSTEMS
 from frictionpinn.show import readable_unit
+from frictionpinn.workflow.build import build_system
+from frictionpinn.workflow.options import composed
 
 # ---- units and names
 
@@ -96,3 +99,13 @@ def test_unknown_equations_are_refused_and_the_nearest_form_is_given(kind):
 def test_a_given_value_replaces_the_default_of_this_system_alone():
     heavy, usual = SYSTEMS["pob"](m_b=2), SYSTEMS["pob"]()
     assert heavy.values["m_b"] == 2.0 and usual.values["m_b"] == 0.5
+
+
+def test_coordinates_that_are_taken_as_measured_are_an_option_of_a_system_and_of_its_configuration():
+    made = fp.system("double_pendulum", driven=["theta_1"])
+    assert made.driven == ("theta_1",) and [c.name for c in made.free] == ["theta_2"]
+    asked = ["system=double_pendulum", "system.driven=[theta_1]", "data.path=recording"]
+    assert build_system(composed("diagnose", asked)["system"]).driven == ("theta_1",)
+    assert build_system(composed("diagnose", ["system=pob", "data.path=recording"])["system"]).driven == ("theta",)
+    with pytest.raises(UserError, match=r"system\.driven.*theta_1, theta_2"):
+        fp.system("double_pendulum", driven=["theta_3"])
