@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+from textwrap import fill
 
 import numpy as np
 from compensation import ARMS, CHOICES, FIGURES, FIRST, MOVES, RESULTS, SKIPPED, SLOW, closed, made
@@ -22,6 +23,11 @@ FORCE = {"drive": "N", "joint": "N m"}
 def unit(name: str) -> tuple[float, str]:
     """Factor and unit in which errors are told."""
     return SCALE[KINDS[name].system]
+
+
+def _heading(name: str) -> str:
+    title = KINDS[name].title
+    return title[0].upper() + title[1:]
 
 
 def verdicts(table: dict) -> list[str]:
@@ -98,7 +104,8 @@ def gains(table: dict) -> Figure:
     axis.axhline(40, color=INK["none"], lw=0.8, ls="--")
     axis.annotate("60 % lower", (len(arms) - 0.6, 40), (0, 3), textcoords="offset points", fontsize=8, ha="right")
     axis.set(yscale="log", ylabel="rms error, % of that without compensation", xticks=range(len(arms)))
-    axis.set_xticklabels([ARMS[arm].replace(" + ", " +\n").replace(" ", "\n", 1) for arm in arms])
+    axis.set_xticklabels([fill(ARMS[arm], 12) for arm in arms])
+    axis.yaxis.set_major_formatter("{x:g}")
     axis.set_title("What compensation leaves of the tracking error: a point for every axis and reference")
     return figure
 
@@ -118,7 +125,7 @@ def traces(name: str, chosen: dict, seed: int = FIRST + 1) -> Figure:
                 loop.t[part], loop.added[part], color=INK[arm], lw=1.0, label="added by our estimator, load included"
             )
             bottom.fill_between(loop.t[part], loop.low[part], loop.high[part], color=INK[arm], alpha=0.2, lw=0)
-    top.set(ylabel=f"tracking error ({told})", title=f"{KINDS[name].title}: reversing sine, load +50 %")
+    top.set(ylabel=f"tracking error ({told})", title=f"{_heading(name)}: reversing sine, load +50 %")
     bottom.set(xlabel="time (s)", ylabel=f"friction ({FORCE[KINDS[name].system]})")
     for axis in (top, bottom):
         axis.legend(loc="upper right", frameon=False, fontsize=8, ncols=4)
@@ -131,7 +138,7 @@ def circle(name: str, chosen: dict, seed: int = FIRST + 1, magnified: float = 3.
     """The circle that two axes draw, its deviation magnified."""
     figure = Figure(figsize=(10, 3.8), layout="constrained")
     arms = ("none", "feedforward", "disturbance_observer", "estimator")
-    for k, (axis, arm) in enumerate(zip(figure.subplots(1, len(arms)), arms, strict=True)):
+    for k, (axis, arm) in enumerate(zip(figure.subplots(1, len(arms), sharex=True, sharey=True), arms, strict=True)):
         found = closed(name, "circle", seed, made(chosen, name, arm))
         part = (found[0][0].t > SKIPPED) & (found[0][0].t < SKIPPED + 3)
         x, y = (loop.reference[part, 0] for loop, _ in found)
@@ -175,7 +182,7 @@ def write(chosen: dict) -> None:
         png(gains(result["table"])), "Median of the ratio over seeds; the bar is the median of all settings."
     )
     for name, motions in result["table"].items():
-        body += f"<h2>{html.escape(KINDS[name].title)}</h2>\n{grid(name, motions, 'rms')}{grid(name, motions, 'peak')}"
+        body += f"<h2>{html.escape(_heading(name))}</h2>\n{grid(name, motions, 'rms')}{grid(name, motions, 'peak')}"
         body += picture(
             png(traces(name, chosen)), "Tracking error, and what was added to the torque beside the true friction."
         )

@@ -87,5 +87,5 @@ def freed(mechanism: Mechanism) -> Mechanism:
     system = mechanism.system
     if not system.imposed:
         return mechanism
-    free = type(system)(equations=system.equations, **system.values)  # type: ignore[arg-type]
-    return Mechanism(free, mechanism.law, mechanism.effects)
+    values: dict[str, Any] = dict(system.values)
+    return Mechanism(type(system)(equations=system.equations, **values), mechanism.law, mechanism.effects)
