@@ -49,12 +49,7 @@ test: check
 paper: $(STAMP)
 	$(BIN)/python reproduce.py
 
-# Its packages are installed by it alone: nothing else needs them.
-$(VENV)/.docs: $(STAMP)
-	$(PIP) -e ".[docs]"
-	@touch $@
-
-docs: $(VENV)/.docs
+docs: $(STAMP)
 	$(BIN)/python docs/tools/build_site.py
 
 bench: $(STAMP)
