@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from omegaconf import OmegaConf
 from wide_effects import Undeclared, distort, draw_effects, sized
-from wide_simulate import KINDS, RADIUS, Excitation, Model, stiffened
+from wide_simulate import KINDS, RADIUS, Excitation, Model, without_memory
 
 from frictionpinn.data.noise import GaussianNoise, QuantisedNoise
 from frictionpinn.data.recording import Recording, Trial
@@ -195,7 +195,7 @@ def _mechanism(rng: np.random.Generator) -> tuple[str, dict, str, dict, float]:
 
 def _model(kind: str, parameters: dict, truth: dict) -> Model:
     bare = Model(kind, parameters, truth, {})
-    return bare if "sigma_0" in truth else replace(bare, law=stiffened(kind, truth, bare.inertia))
+    return bare if "sigma_0" in truth else replace(bare, law=without_memory(truth))
 
 
 def _trials(rng: np.random.Generator, kind: str, parameters: dict, law: str, truth: dict, rate_hz: float):

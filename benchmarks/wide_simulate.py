@@ -5,9 +5,9 @@ A trial is integrated by LSODA with the slip position s, the slip velocity v and
     (M + inertia) v' = push - F,    F = f + sigma_1 z' + sigma_2 v + what the effects add,    f' = sigma_0 z',
     z' = v - |v| f / g,    g = N' (mu_c + (mu_s - mu_c) exp(-(v/v_s)^2)),    N' the load after the effects.
 
-M, push and N follow from Lagrange's equations of each system, where a path may be imposed on another coordinate. Laws
-without memory are the limit of stiff bristles: sigma_0 = 1e11 N/m, critically damped. (1e7 N/m lasts about 1 ms at
-each stop, 2 to 17 % of the accelerations' spread; between 1e10 and 1e11 only the samples nearest to a jump differ.)
+M, push and N follow from Lagrange's equations of each system, where a path may be imposed on another coordinate. A law
+without memory has f = g tanh(v / TURN) instead, which creeps below TURN where it rests. (The limit of stiff bristles is
+another law: they hold a body whose push falls more slowly than its load, although the force exceeds g.)
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from numba import njit
 from scipy.integrate import ODEintWarning, odeint
 
 KINDS = ("pob", "sdob", "drive", "pendulum")
-LAW = ("sigma_0", "sigma_1", "sigma_2", "mu_c", "mu_s", "v_s")
+LAW = ("sigma_0", "sigma_1", "sigma_2", "mu_c", "mu_s", "v_s", "turn")
 EFFECTS = (
     "constant_force", "spring_stiffness", "spring_rest", "drag", "asymmetry", "asymmetric_viscous",
     "position_gradient", "drift", "inertia", "vibration_sin", "vibration_cos", "vibration_frequency", "load_exponent",
     "load_reference", "begun",
 )  # fmt: skip
 SIGN = 1e-4  # slip per second over which a direction turns, in the effect asymmetry
-STIFF = 1e11  # N/m, of a law without memory
+TURN = 1e-7  # slip per second over which the friction of a law without memory turns: far below what anyone measures
 RADIUS = 0.15  # m, of the contact in a hinge: turns newtons per metre into newton metres per radian
 PARAMETERS = {
     "pob": ("m_b", "m_L", "d", "g"),
@@ -126,6 +126,8 @@ def _friction(s, v, f, t, N, law, q):
         load *= (max(N, 1e-9) / q[13]) ** q[12]
     g = max(load, 1e-9) * (law[3] + (law[4] - law[3]) * np.exp(-((v / law[5]) ** 2)))
     rate = v - abs(v) * f / g
+    if law[6] > 0.0:
+        f, rate = g * np.tanh(v / law[6]), 0.0
     force = f + law[1] * rate + law[2] * v + q[0] + q[1] * (s - q[2]) + q[3] * v * abs(v) + q[5] * abs(v)
     phase = 2 * np.pi * q[11] * t
     return force + q[9] * np.sin(phase) + q[10] * np.cos(phase), rate
@@ -147,7 +149,7 @@ def _outputs(states, t, kind, p, first, offset, second, law, q):
         M, push, N = _contact(kind, s, t[i], _paths(kind, t[i], first, offset, second), p)
         F, rate = _friction(s, v, f, t[i], N, law, q)
         a = (push - F) / (M + q[8])
-        out[i] = a, F + q[8] * a, N, f / law[0], rate
+        out[i] = a, F + q[8] * a, N, f / law[0] if law[0] > 0.0 else 0.0, rate
     return out
 
 
@@ -158,7 +160,7 @@ class Model:
     Attributes:
         kind: name of the system.
         system: its true parameters by name, payloads included.
-        law: of LuGre by name; laws without memory through :func:`stiffened`.
+        law: of LuGre by name; laws without memory through :func:`without_memory`.
         effects: by name, those left out are neutral; "begun": s from the start of the session, through which
             drift runs on, to that of the trial.
     """
@@ -196,7 +198,7 @@ class Model:
             np.array([self.system[name] for name in PARAMETERS[self.kind]]),
             np.ascontiguousarray(first.tones, dtype=float), float(first.offset),
             np.ascontiguousarray(second.tones, dtype=float),
-            np.array([self.law[name] for name in LAW]),
+            np.array([self.law.get(name, 0.0) for name in LAW]),
             np.array([float(self.effects.get(name, neutral.get(name, 0.0))) for name in EFFECTS]),
         )  # fmt: skip
 
@@ -215,8 +217,6 @@ class Model:
                               np.array([self.system[name] for name in PARAMETERS[self.kind]]))[0])  # fmt: skip
 
 
-def stiffened(kind: str, law: dict[str, float], inertia: float) -> dict[str, float]:
-    """Parameters of LuGre that stand for a law without memory: stiff bristles, critically damped."""
-    stiffness = STIFF * (RADIUS**2 if kind == "pendulum" else 1.0)
-    rest = {"mu_s": law["mu_c"], "v_s": 1.0, "sigma_0": stiffness, "sigma_1": 2 * (stiffness * inertia) ** 0.5}
-    return rest | law
+def without_memory(law: dict[str, float]) -> dict[str, float]:
+    """Parameters of LuGre's equations that stand for a law without memory."""
+    return {"mu_s": law["mu_c"], "v_s": 1.0, "sigma_0": 0.0, "sigma_1": 0.0, "turn": TURN} | law

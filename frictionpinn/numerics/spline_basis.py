@@ -106,24 +106,24 @@ class NoisyInput:
 def choose_basis(t: np.ndarray, y: np.ndarray, sigmas: np.ndarray, most: int) -> PathBasis | None:
     """Return the basis of least Bayesian information criterion sum_k n_k log(RSS_k / n_k) + p log(sum_k n_k).
 
-    Intervals grow by 40 % from the coarsest; the search ends where three finer ones brought nothing. The basis
-    returned is a little finer than the best.
+    Intervals grow by 40 % from the coarsest; the search ends where three finer ones brought nothing, or with ``most``
+    coefficients. The basis returned is a little finer than the best.
 
     Args:
         t: times, s, shape (n,).
         y: signals, shape (orders, n), NaN where missing.
         sigmas: their noise standard deviations, shape (orders,).
-        most: largest number of coefficients; None is returned where the best would need more.
+        most: largest number of coefficients; None is returned where so many do not follow the signal. A spline that
+            misses less than the noise is better than the samples, whose noise would be taken for the input.
     """
     counts = np.sum(~np.isnan(y), axis=1)
     measured = counts > 0
     own = [difference_sigma([(t, row)]) if np.any(~np.isnan(row)) else np.inf for row in y]
     expected = np.where(np.array(own) < CLEAN * sigmas, sigmas**2, 0.0)[measured]  # of signals without their noise
     best, least, worse, intervals = None, np.inf, 0, max(2, min(COARSEST, len(t) // 8)) / 2
-    while worse < PATIENCE:
-        basis = PathBasis.evenly(t, round(intervals), len(y))
-        if basis.size > most:
-            return None if worse < 2 else best
+    last = min(most - DEGREE, (len(t) - 1) / FINEST)
+    while worse < PATIENCE and last >= 1:
+        basis = PathBasis.evenly(t, round(min(intervals, last)), len(y))
         residuals = basis.fit(y, sigmas)[1][measured]
         squares = np.nansum(residuals**2, axis=1)
         variance = np.maximum(squares / counts[measured] + expected, (1e-3 * sigmas[measured]) ** 2)
@@ -131,13 +131,14 @@ def choose_basis(t: np.ndarray, y: np.ndarray, sigmas: np.ndarray, most: int) ->
         typical = 1.4826 * np.nanmedian(np.abs(residuals), axis=1)  # outliers aside
         misfit = bool(np.any(typical > MISFIT * sigmas[measured]))  # too coarse to judge by
         best, least, worse = (basis, value, 0) if value < least or misfit else (best, least, worse + 1)
-        if intervals >= (len(t) - 1) / FINEST:
+        if intervals >= last:
+            if misfit and last < (len(t) - 1) / FINEST:
+                return None
             break
         intervals *= GROWTH
     if best is None:
         return None
-    finer = PathBasis.evenly(t, round(FINER * (len(best.breaks) - 1)), len(y))
-    return finer if finer.size <= most else best
+    return PathBasis.evenly(t, round(min(FINER * (len(best.breaks) - 1), most - DEGREE)), len(y))
 
 
 def smooth_together(data: Sequence[Coordinate], sigmas: Sequence[float | None]) -> list[Smoothed]:

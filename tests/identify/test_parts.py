@@ -67,6 +67,24 @@ def test_criterion_takes_more_knots_for_a_faster_motion():
     assert sizes[1] > 2 * sizes[0]
 
 
+@pytest.mark.parametrize(("most", "misses"), [(90, 0.7), (62, 0.7), (48, 0.8), (40, 1.5)])
+def test_an_input_stays_a_spline_where_finer_ones_are_not_allowed(most, misses):
+    """Taken as it was measured, its noise would move the body."""
+    t, generator = np.linspace(0, 2.5, 250), np.random.default_rng(0)
+    true = np.sin(2 * np.pi * 3 * t + 0.5 * np.sin(2 * np.pi * 3 * t))
+    y = true + 0.03 * generator.standard_normal(len(t))
+    basis = choose_basis(t, y[None], np.array([0.03]), most)
+    assert basis.size <= most
+    found = basis.design[0] @ basis.fit(y[None], np.array([0.03]))[0]
+    assert np.std(found - true) < misses * 0.03
+
+
+def test_an_input_that_no_allowed_spline_follows_is_taken_as_measured():
+    t = np.linspace(0, 2.5, 250)
+    y = np.sin(2 * np.pi * 25 * t) + 0.03 * np.random.default_rng(0).standard_normal(len(t))
+    assert choose_basis(t, y[None], np.array([0.03]), 40) is None
+
+
 @given(st.integers(1, 5), st.integers(5, 30))
 @settings(max_examples=30, deadline=None)
 def test_weighted_gram_is_the_matrix_product(columns, rows):
