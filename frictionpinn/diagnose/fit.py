@@ -18,9 +18,9 @@ from ..identify.result import FAILED, Estimate
 from ..identify.solve import Solution, State, invert, reduced
 from ..identify.trial import TrialModel
 from ..identify.uncertainty import information_of
+from ..numerics.coloured import outliers
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.mechanism import Mechanism
-from .noise import outliers
 
 LOUDER = 2.5  # times the noise that differences show, where the model cannot be simulated with that
 OUTLIERS = 0.2  # share of lone residuals in the sum of squares: noise levels told without them differ by a tenth

@@ -16,9 +16,10 @@ from matplotlib.figure import Figure
 from ..data.findings import listed
 from ..evaluate.picture import save_png
 from ..evaluate.style import INK, readable
+from ..numerics.excess import RESIDUAL
 from ..show import LOOKS, readable_unit
 from .diagnosis import Diagnosis
-from .errors import RESIDUAL, main_signal
+from .errors import main_signal
 from .verdict import FOUND, NO_VERDICT, NOTHING, PARTLY, UNEXPLAINED, Unexplained
 
 MOST_TRIALS, MOST_BARS = 3, 12  # in one figure: what fits on a screen

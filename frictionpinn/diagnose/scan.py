@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..numerics.coloured import Noise, fit_noise
 from ..numerics.parallel import in_parallel
 from ..numerics.resolution import samples_within
 from ..numerics.simulate import ContactLost, Simulation, SimulationFailed
@@ -21,7 +22,6 @@ from ..numerics.tangent import Tangent
 from .bench import Bench
 from .candidates import BUMPS, Candidate, Remainder
 from .fit import Fit
-from .noise import Noise, fit_noise
 from .score import SINGULAR, TINY, Columns, Normal, Rows, beside, linearise, log_p, solve, weighted
 
 GUESS = 0.1  # of its usual size: a strength whose step no derivative tells

@@ -26,11 +26,11 @@ import numpy as np
 from scipy.special import gammaln
 from scipy.stats import chi2
 
+from ..numerics.coloured import Noise
 from ..numerics.parallel import in_parallel
 from ..numerics.resolution import averaged, samples_within
 from .bench import Bench
 from .fit import Fit
-from .noise import Noise
 
 SINGULAR = 1e-9  # of the largest eigenvalue: directions below are not told by the data
 NOTHING = 1e-6  # of a column's squared length: what is left of it beside what is estimated is rounding

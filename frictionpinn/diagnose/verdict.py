@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sklearn.linear_model import OrthogonalMatchingPursuit
 
 from ..data.findings import NO_SLIP
 from ..data.inspect import no_slip
 from ..identify.result import NO_EXCITATION
+from ..numerics.coloured import Noise
+from ..numerics.formula import sparse_formula
 from .bench import Bench
 from .candidates import Remainder
 from .contenders import check
 from .errors import compare, main_signal
 from .fit import Fit
-from .noise import Noise
 from .scan import Remaining, Scanned
 from .score import Columns, Normal, linearise, on_probe
 from .select import Accepted, Selection, Settings
@@ -26,8 +26,6 @@ FOUND, NOTHING, PARTLY, UNEXPLAINED = "effect found", "nothing missing", "partly
 NO_VERDICT = "no verdict"
 FIFTH = 0.2  # of the squared error beyond the noise: names that take off less are not the names of what is missing
 SIMILAR = 0.9  # of the best log p: variables that explain as much are named together
-TERMS = 3  # of a formula at most: longer ones say no more than a table
-GOOD = 0.97  # share of the shape that a formula must explain
 AT_END = 1e-3  # of a bound: nearer to it a fit has ended there; searches end a little inside
 CONFIRMED = 0.005  # share of the held-out remainder that a variable must explain: less is printed as 0 %
 POINTS = 60  # of a shape: several for each bump
@@ -240,31 +238,6 @@ def explained_share(bench: Bench, fit: Fit, found: Remaining, places: Mapping[st
     gained = -(2 * normal.b @ c + c @ normal.A @ c)
     excess = normal.rr - floor
     return float(np.clip(gained / excess, 0.0, 1.0)) if excess > 0 else float("nan")
-
-
-def sparse_formula(x: np.ndarray, y: np.ndarray, error: np.ndarray, name: str) -> str | None:
-    """The shortest sum of elementary functions of x that explains the shape, or None.
-
-    Orthogonal matching pursuit over powers, absolute values, exponentials of |x| and harmonics; all shape (n,).
-    """
-    scale, span = max(float(np.abs(x).max()), 1e-300), max(float(x.max() - x.min()), 1e-300)
-    weight = 1 / np.maximum(error, np.median(error) + 1e-300)
-    table = {"1": np.ones_like(x), name: x, f"{name}^2": x**2, f"{name}^3": x**3, f"|{name}|": np.abs(x),
-             f"{name}*|{name}|": x * np.abs(x), f"sign({name})": np.sign(x)}  # fmt: skip
-    for part in (0.05, 0.2):  # of the largest |x|: a narrow peak and a broad one
-        table[f"exp(-|{name}|/{part * scale:.3g})"] = np.exp(-np.abs(x) / (part * scale))
-    for k in (1, 2, 3):  # periods over the range: eight bumps show hardly more
-        table[f"sin({2 * np.pi * k / span:.3g}*{name})"] = np.sin(2 * np.pi * k * x / span)
-        table[f"cos({2 * np.pi * k / span:.3g}*{name})"] = np.cos(2 * np.pi * k * x / span)
-    A, target = np.stack(list(table.values()), axis=1) * weight[:, None], y * weight
-    total = float(target @ target)
-    for count in range(1, TERMS + 1):
-        model = OrthogonalMatchingPursuit(n_nonzero_coefs=count, fit_intercept=False).fit(A, target)
-        left = target - A @ model.coef_
-        if total > 0 and 1 - float(left @ left) / total > GOOD:
-            terms = [(c, key) for c, key in zip(model.coef_, table, strict=True) if c != 0]
-            return " ".join(f"{c:+.3g}" if key == "1" else f"{c:+.3g}*{key}" for c, key in terms).lstrip("+")
-    return None
 
 
 @dataclass(frozen=True)

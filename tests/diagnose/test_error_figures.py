@@ -9,7 +9,7 @@ from frictionpinn.data.noise import GaussianNoise, OutlierNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.errors import FORCE, compare
-from frictionpinn.diagnose.noise import lone
+from frictionpinn.numerics.coloured import lone
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 

@@ -6,16 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from frictionpinn.diagnose.errors import (
-    NEIGHBOURS,
-    RESIDUAL,
-    Excess,
-    Level,
-    block_length,
-    block_means,
-    main_signal,
-    noise_level,
-)
+from frictionpinn.diagnose.errors import main_signal
+from frictionpinn.numerics.excess import NEIGHBOURS, RESIDUAL, Excess, Level, block_length, block_means, noise_level
 from frictionpinn.physics import SYSTEMS
 
 T = [np.arange(1000) * 0.01] * 2
