@@ -20,7 +20,7 @@ from omegaconf import OmegaConf
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem, bound, maximum_likelihood
-from frictionpinn.identify.solve import levenberg_marquardt
+from frictionpinn.numerics.descent import levenberg_marquardt
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 

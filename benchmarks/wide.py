@@ -38,8 +38,8 @@ from frictionpinn.data.recording import Recording
 from frictionpinn.errors import UserError
 from frictionpinn.identify import Problem, bound, maximum_likelihood
 from frictionpinn.identify.result import plain
-from frictionpinn.identify.solve import levenberg_marquardt
 from frictionpinn.identify.trial import TrialModel
+from frictionpinn.numerics.descent import levenberg_marquardt
 from frictionpinn.numerics.simulate import ContactLost, SimulationFailed
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism

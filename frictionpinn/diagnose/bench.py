@@ -14,9 +14,9 @@ from ..data.recording import Recording
 from ..errors import UserError
 from ..identify.likelihood import minima_around
 from ..identify.problem import Problem
-from ..identify.solve import ROUGHLY, assembled, coarse_to_fine, levenberg_marquardt, reduced
 from ..identify.start import ROUGH, windows_of
 from ..identify.trial import TrialModel
+from ..numerics.descent import ROUGHLY, assembled, coarse_to_fine, levenberg_marquardt, reduced
 from ..numerics.parallel import in_parallel
 from ..numerics.simulate import ContactLost, Simulation, SimulationFailed, Simulator, Values
 from ..physics.base import plain_name
@@ -199,7 +199,7 @@ class Bench:
             limits: of parameters beside their usual ones.
             widths: resolutions in time that are followed, s, the coarsest first.
             around: look for other minima around it.
-            offered: unknowns of the trials that other fits have, see :func:`frictionpinn.identify.solve.assembled`.
+            offered: unknowns of the trials that other fits have, see :func:`frictionpinn.numerics.descent.assembled`.
             imitating: that what ``fit`` simulates had been measured, without noise: a start near its minimum.
         """
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)

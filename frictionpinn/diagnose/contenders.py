@@ -11,8 +11,8 @@ from scipy.stats import chi2
 
 from ..identify.likelihood import beginnings
 from ..identify.problem import Problem
-from ..identify.solve import FAINT, Evaluate, State, assembled, carried, coarse_to_fine, reduced
-from ..identify.trial import Piece, TrialModel
+from ..identify.trial import TrialModel
+from ..numerics.descent import FAINT, Evaluate, Piece, State, assembled, carried, coarse_to_fine, reduced
 from ..numerics.parallel import in_parallel
 from ..numerics.simulate import ContactLost, SimulationFailed
 from .bench import Bench

@@ -12,13 +12,13 @@ import numpy as np
 from ..data.recording import Recording
 from ..errors import UserError
 from ..identify.likelihood import maximum_likelihood
-from ..identify.loss import Loss
 from ..identify.problem import Problem
 from ..identify.result import FAILED, Estimate
-from ..identify.solve import Solution, State, invert, reduced
 from ..identify.trial import TrialModel
 from ..identify.uncertainty import information_of
 from ..numerics.coloured import outliers
+from ..numerics.descent import Solution, State, invert, reduced
+from ..numerics.loss import Loss
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.mechanism import Mechanism
 

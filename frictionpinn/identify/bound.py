@@ -11,12 +11,12 @@ import numpy as np
 from ..data.recording import Recording
 from ..data.simulated import simulate_trials
 from ..errors import UserError
+from ..numerics.descent import reduced
 from ..numerics.simulate import ContactLost, SimulationFailed
 from ..physics.mechanism import Mechanism
 from ..show import Shown, Table
 from .problem import Problem
 from .result import VARY, correlation_of, hints_of, plain, sentences
-from .solve import reduced
 from .space import Space
 from .uncertainty import covariance_of, untold
 
@@ -79,7 +79,7 @@ class Bound(Shown):
 
     def figures(self) -> dict[str, Figure]:
         """95 % intervals relative to the values, and correlations."""
-        from .draw import parameters_figure
+        from ..evaluate.estimate_figures import parameters_figure
 
         ends = {n: (v - 1.96 * self.std[n], v + 1.96 * self.std[n]) for n, v in self.values.items()}
         return {"parameters": parameters_figure(self.names, self.values, ends, self.correlation)}

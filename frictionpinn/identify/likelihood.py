@@ -11,7 +11,7 @@ acceleration, and a small change of the parameters changes nothing (laws without
    of the next (:func:`_whole`), at the noise levels that the residuals show (:func:`_settled`);
 3. around what was found, by ways that show other minima (:func:`minima_around`). Trials share the parameters alone: the
    likelihood has its minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each
-   trial has been there, and they are put together (:func:`frictionpinn.identify.solve.assembled`).
+   trial has been there, and they are put together (:func:`frictionpinn.numerics.descent.assembled`).
 """
 
 from __future__ import annotations
@@ -25,15 +25,7 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..errors import UserError
-from ..numerics.parallel import in_parallel
-from ..numerics.simulate import ContactLost, SimulationFailed
-from ..numerics.whiteness import SIGNIFICANCE, whiteness
-from ..physics.base import plain_name
-from ..physics.mechanism import Mechanism
-from ..progress import counted
-from .problem import Problem
-from .result import Estimate, Minimum
-from .solve import (
+from ..numerics.descent import (
     CLOSELY,
     GIVEN,
     Evaluate,
@@ -46,6 +38,14 @@ from .solve import (
     reduced,
     same_minimum,
 )
+from ..numerics.parallel import in_parallel
+from ..numerics.simulate import ContactLost, SimulationFailed
+from ..numerics.whiteness import SIGNIFICANCE, whiteness
+from ..physics.base import plain_name
+from ..physics.mechanism import Mechanism
+from ..progress import counted
+from .problem import Problem
+from .result import Estimate, Minimum
 from .start import find_start
 from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours

@@ -12,6 +12,8 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..errors import choose
+from ..numerics.descent import Evaluate, Piece, State
+from ..numerics.loss import LOSSES, choose_loss
 from ..numerics.parallel import in_parallel
 from ..numerics.paths import DEGREE
 from ..numerics.simulate import ContactLost, SimulationFailed, Simulator
@@ -19,11 +21,9 @@ from ..numerics.smoothing import difference_sigma
 from ..physics.mechanism import Mechanism
 from ..physics.sizes import Sizes
 from .build import Channels, trial_model
-from .loss import LOSSES, choose_loss
 from .motion import Scales, default_bounds, smoothed
-from .solve import Evaluate, State
 from .space import Prior, Space
-from .trial import Piece, TrialModel
+from .trial import TrialModel
 
 LONG_TRIAL = 4000  # samples: a trial with more is cut into windows of about half as many
 COARSE_SHARE = 0.25  # of the usual time between two peaks of the slip velocity: a stop is placed better than that
@@ -44,7 +44,7 @@ class Problem:
         initial: "free" or, where every trial starts at "rest", that.
         windows: length, s, of windows with free initial states, for long, unstable or closed-loop recordings; None
             simulates whole trials.
-        loss: "gaussian", "robust" (outliers) or "auto", see :func:`frictionpinn.identify.loss.choose_loss`.
+        loss: "gaussian", "robust" (outliers) or "auto", see :func:`frictionpinn.numerics.loss.choose_loss`.
 
     Attributes:
         mechanism, recording: as given.

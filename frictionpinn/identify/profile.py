@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import UserError
+from ..numerics.descent import Evaluate, State, invert, levenberg_marquardt, moved, reduced
 from ..show import readable_unit
 from .problem import Problem
 from .result import Estimate
-from .solve import Evaluate, State, invert, levenberg_marquardt, moved, reduced
 
 RISE_95 = 1.920729  # of the cost at the ends of a 95 % interval: half the quantile of chi-squared with one freedom
 STEP = 0.7  # standard errors between the values tried

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..data.inspect import no_slip
+from ..numerics.descent import Solution, State
 from ..physics.base import at_contact, plain_name
 from ..show import Shown, Table, interval, readable_unit
 from .problem import Problem
-from .solve import Solution, State
 from .trial import TrialModel
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ class Minimum:
     Attributes:
         state: unknowns, cost and its local model there.
         models: of the trials.
-        reason: why the search ended, see :class:`frictionpinn.identify.solve.Solution`.
+        reason: why the search ended, see :class:`frictionpinn.numerics.descent.Solution`.
         minima: the lowest and others found around it, best first, before the noise levels were refined.
     """
 
@@ -157,7 +157,7 @@ class Estimate(Shown):
 
     def figures(self) -> dict[str, Figure]:
         """Intervals relative to the estimates and their correlations; residuals over time in multiples of the noise."""
-        from .draw import parameters_figure, residuals_figure
+        from ..evaluate.estimate_figures import parameters_figure, residuals_figure
 
         drawn = {"parameters": parameters_figure(self.names, self.values, self.ci95, self.correlation)}
         return drawn | ({"residuals": residuals_figure(self)} if self.residuals else {})

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
+from ..numerics.descent import GIVEN, Evaluate, Solution, State, levenberg_marquardt
 from ..numerics.parallel import in_parallel
 from ..numerics.paths import InputPath
 from ..physics.base import beside, contact_of, plain_name
 from ..physics.scan import DECADES
 from .problem import Problem
-from .solve import GIVEN, Evaluate, Solution, State, levenberg_marquardt
 from .space import Space
 from .trial import TrialModel
 

@@ -9,43 +9,17 @@ from typing import Any
 
 import numpy as np
 
+from ..numerics.descent import Piece
 from ..numerics.gram import combined, gram
+from ..numerics.loss import Loss
 from ..numerics.paths import Directions, InputPath
 from ..numerics.resolution import averaged, samples_within
 from ..numerics.simulate import Simulation, Simulator
 from ..numerics.spline_basis import NoisyInput
 from ..physics.base import beside, contact_of
-from .loss import Loss
 
 RELATIVE_FLOOR = 1e-12  # of the largest diagonal entry: keeps what no signal sees from making a matrix singular
 REACH = 2.0  # times the largest friction force: how far from zero the initial bristle force may be
-
-
-@dataclass(frozen=True)
-class Piece:
-    """Contribution of one trial to the cost: value, gradient and Gauss-Newton matrix, split into global and local.
-
-    Attributes:
-        cost: half the sum of squares (or of the robust cost).
-        residuals: signal -> model minus measurement, shape (n,), SI units.
-        gg, gl, ll: blocks of the Gauss-Newton matrix, (n_g, n_g), (n_g, n_l), (n_l, n_l); empty without derivatives.
-        grad_g, grad_l: gradient, (n_g,), (n_l,); empty without derivatives.
-        run: the simulation, where it was asked to be ``strict``: derivatives can be added to it.
-        steps: that the integrator took for it.
-        rows: with derivatives, number of residuals of the outputs at their resolution, in units of their noise the sum
-            of their squares, and of the products of neighbours.
-    """
-
-    cost: float
-    residuals: dict[str, np.ndarray]
-    gg: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    gl: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    ll: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    grad_g: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    grad_l: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    run: Simulation | None = field(default=None, repr=False)
-    steps: int = 0
-    rows: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)

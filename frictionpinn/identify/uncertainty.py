@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..numerics.descent import BUDGET, Evaluate, Limits, Solution, State, invert, moved, reduced
 from ..numerics.whiteness import correlation_time
 from ..progress import counted
 from .culprit import culprit
 from .problem import Problem
 from .profile import RISE_95, profiled
 from .result import CORRELATED, FAILED, Estimate, Minimum, verdict
-from .solve import BUDGET, Evaluate, Limits, Solution, State, invert, moved, reduced
 from .space import Space
 
 ESTIMATOR = "maximum_likelihood"

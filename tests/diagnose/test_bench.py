@@ -12,7 +12,7 @@ from test_diagnosis import TRUTH, recorded
 from frictionpinn.diagnose import bench as benches
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.fit import Fit
-from frictionpinn.identify.solve import State
+from frictionpinn.numerics.descent import State
 from frictionpinn.physics import EFFECTS, LAWS
 from frictionpinn.physics.mechanism import Mechanism
 

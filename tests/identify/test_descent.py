@@ -14,8 +14,16 @@ from frictionpinn.identify.bound import bound_of
 from frictionpinn.identify.build import beside_jumps
 from frictionpinn.identify.likelihood import beginnings
 from frictionpinn.identify.profile import profiled
-from frictionpinn.identify.solve import NEAR, Solution, State, assembled, carried, coarse_to_fine, levenberg_marquardt
-from frictionpinn.identify.trial import Piece
+from frictionpinn.numerics.descent import (
+    NEAR,
+    Piece,
+    Solution,
+    State,
+    assembled,
+    carried,
+    coarse_to_fine,
+    levenberg_marquardt,
+)
 from frictionpinn.numerics.resolution import averaged, samples_within
 from frictionpinn.numerics.whiteness import SIGNIFICANCE, whiteness
 from frictionpinn.physics import LAWS, SYSTEMS

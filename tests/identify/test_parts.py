@@ -9,13 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frictionpinn.identify import Problem
-from frictionpinn.identify.loss import choose_loss
-from frictionpinn.identify.solve import State, reduced
 from frictionpinn.identify.space import Space
 from frictionpinn.identify.start import lowest
-from frictionpinn.identify.trial import Piece
 from frictionpinn.identify.uncertainty import WIDEST, widened
+from frictionpinn.numerics.descent import Piece, State, reduced
 from frictionpinn.numerics.gram import gram
+from frictionpinn.numerics.loss import choose_loss
 from frictionpinn.numerics.spline_basis import PathBasis, choose_basis
 from frictionpinn.numerics.whiteness import correlation_time
 

@@ -9,8 +9,8 @@ from cases import case, deviations
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem, maximum_likelihood
-from frictionpinn.identify.loss import LOSSES, choose_loss
 from frictionpinn.identify.start import MOST_WINDOWS, windows_of
+from frictionpinn.numerics.loss import LOSSES, choose_loss
 from frictionpinn.numerics.parallel import in_parallel
 
 

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from frictionpinn.identify.solve import State, levenberg_marquardt
-from frictionpinn.identify.trial import Piece
+from frictionpinn.numerics.descent import Piece, State, levenberg_marquardt
 
 FREE = np.full(3, -np.inf), np.full(3, np.inf)
 

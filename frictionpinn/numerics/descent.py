@@ -6,7 +6,7 @@ By Levenberg and Marquardt's method; where it is rugged from a coarse resolution
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -15,7 +15,7 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.linalg.lapack import dposv
 from scipy.optimize import lsq_linear
 
-from .trial import Piece
+from .simulate import Simulation
 
 LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
 FAINT = 0.01  # added to the curvature in log u: that of an unknown told to ten powers of e, which tells nothing
@@ -28,6 +28,33 @@ ROUGHLY: dict[str, Any] = {"iterations": 20, "decrease": 0.1}  # of a search at 
 CLOSELY: dict[str, Any] = {"iterations": 20, "decrease": 0.03}  # at the sample; noise levels are refined afterwards
 
 GIVEN, BUDGET = "as given", "budget"  # reasons of solutions that no descent ended: values to start from, a budget spent
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Contribution of one trial to the cost: value, gradient and Gauss-Newton matrix, split into global and local.
+
+    Attributes:
+        cost: half the sum of squares (or of the robust cost).
+        residuals: signal -> model minus measurement, shape (n,), SI units.
+        gg, gl, ll: blocks of the Gauss-Newton matrix, (n_g, n_g), (n_g, n_l), (n_l, n_l); empty without derivatives.
+        grad_g, grad_l: gradient, (n_g,), (n_l,); empty without derivatives.
+        run: the simulation, where it was asked to be ``strict``: derivatives can be added to it.
+        steps: that the integrator took for it.
+        rows: with derivatives, number of residuals of the outputs at their resolution, in units of their noise the sum
+            of their squares, and of the products of neighbours.
+    """
+
+    cost: float
+    residuals: dict[str, np.ndarray]
+    gg: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    gl: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    ll: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    grad_g: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    grad_l: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    run: Simulation | None = field(default=None, repr=False)
+    steps: int = 0
+    rows: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)

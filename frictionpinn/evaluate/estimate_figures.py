@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..evaluate.style import INK
+from .style import INK
 
 if TYPE_CHECKING:
-    from .result import Estimate
+    from ..identify.result import Estimate
 
 MOST_TRIALS = 3  # in one figure: what fits on a screen
 
