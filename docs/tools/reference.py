@@ -9,9 +9,9 @@ from pathlib import Path
 import sympy as sp
 
 import frictionpinn as fp
-from frictionpinn.diagnose.notation import in_latex, tidy
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
 from frictionpinn.physics.base import CONTACT, FrictionLaw
+from frictionpinn.physics.notation import in_latex, tidy
 from frictionpinn.show import readable_unit
 
 GROUPS = {

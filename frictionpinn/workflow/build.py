@@ -53,7 +53,7 @@ def mapping(cfg: Config, key: str, where: str) -> dict[str, Any]:
 def build_system(cfg: Config) -> System:
     """The system with the values of its parameters; with ``augmented``, the one that a diagnosis saved."""
     if cfg.get("augmented"):
-        from ..diagnose.augmented import folded
+        from ..export.augmented import folded
 
         return folded(cfg["augmented"])[0]
     kind = choose(cfg["name"], SYSTEMS, "system")

@@ -54,7 +54,7 @@ def saved_friction(arguments: list[str]) -> list[str]:
     given = [a for a in arguments if a.startswith("friction=") and a.endswith((".yaml", ".yml"))]
     if not given:
         return arguments
-    from ..diagnose.augmented import data_of, load_augmented
+    from ..export.augmented import data_of, load_augmented
 
     path = Path(given[0].partition("=")[2]).resolve()
     mechanism, _ = load_augmented(path)

@@ -128,7 +128,7 @@ def identified(
         options: of :func:`frictionpinn.diagnose` (free, most, start, ...).
     """
     from ..api.estimates import diagnose, fit
-    from ..diagnose.augmented import load_augmented, save_augmented
+    from ..export.augmented import load_augmented, save_augmented
 
     system, law = declared.system, declared.law
     values: dict[str, Any] = dict(system.values)

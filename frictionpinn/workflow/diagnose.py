@@ -12,17 +12,17 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..data.split import split_trials
-from ..diagnose.augmented import save_augmented
 from ..diagnose.diagnosis import Diagnosis
 from ..diagnose.diagnosis import diagnose as run_diagnosis
-from ..diagnose.notation import equations, in_latex, in_mathml
 from ..diagnose.report import draw, gain_together, headline, span, write_page
 from ..diagnose.select import Settings
 from ..diagnose.verdict import FOUND, NO_VERDICT, PARTLY, UNEXPLAINED
 from ..errors import UserError, choose
+from ..export.augmented import save_augmented
 from ..identify.result import plain
 from ..physics.effects import EFFECTS
 from ..physics.mechanism import Mechanism
+from ..physics.notation import equations, in_latex, in_mathml
 from ..progress import shorter
 from ..show import readable_unit
 from .build import (

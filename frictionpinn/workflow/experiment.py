@@ -53,7 +53,7 @@ def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionMo
     law = choose(friction["name"], LAWS, "friction")()
     wanted, limits = mapping(friction, "start", "friction"), mapping(friction, "bounds", "friction")
     if cfg["system"].get("augmented"):
-        from ..diagnose.augmented import folded
+        from ..export.augmented import folded
 
         saved = folded(cfg["system"]["augmented"])[1]
         wanted = {name: saved.get(name) if wanted.get(name) is None else wanted[name] for name in wanted}

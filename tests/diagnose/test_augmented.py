@@ -10,8 +10,8 @@ import pytest
 import yaml
 from commands import call
 
-from frictionpinn.diagnose.augmented import folded
 from frictionpinn.errors import UserError
+from frictionpinn.export.augmented import folded
 from frictionpinn.numerics.torch_functions import contact_signals
 from frictionpinn.physics import SYSTEMS
 

@@ -20,11 +20,11 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose import report
-from frictionpinn.diagnose.augmented import folded, load_augmented, save_augmented
 from frictionpinn.diagnose.diagnosis import diagnose
 from frictionpinn.diagnose.report import evidence_so_far, headline
 from frictionpinn.diagnose.select import Settings
 from frictionpinn.errors import UserError
+from frictionpinn.export.augmented import folded, load_augmented, save_augmented
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.effect import Effect, strength

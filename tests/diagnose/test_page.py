@@ -2,10 +2,10 @@
 
 import pytest
 
-from frictionpinn.diagnose.notation import equations, in_latex, in_mathml
 from frictionpinn.diagnose.report import chance
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.physics.notation import equations, in_latex, in_mathml
 
 
 @pytest.fixture(scope="module")

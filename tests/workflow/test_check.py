@@ -15,8 +15,8 @@ from wrong_log_kinds import measured_folder
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
-from frictionpinn.diagnose.augmented import data_of
 from frictionpinn.errors import UserError
+from frictionpinn.export.augmented import data_of
 from frictionpinn.identify import maximum_likelihood
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism

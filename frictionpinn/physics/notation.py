@@ -10,9 +10,9 @@ import sympy as sp
 from sympy.core.alphabets import greeks
 from sympy.printing.mathml import MathMLPresentationPrinter
 
-from ..physics.base import CONTACT
-from ..physics.contact_friction import ContactFriction
-from ..physics.mechanism import Mechanism
+from .base import CONTACT
+from .contact_friction import ContactFriction
+from .mechanism import Mechanism
 
 LETTERS = {*greeks, "zdot"}  # first parts of names that are letters
 LOAD = sp.Symbol("N_law")  # the normal force as the law sees it, where effects change it
