@@ -36,7 +36,7 @@ class Settings:
         followed: the best of these that are searched for other minima, a budget.
         told_apart: evidence, in log-likelihood, from which one model is better than another for certain: 400 to 1.
         tied: evidence below which the more usual effect stands first: less than 3 to 1.
-        same: cosine of what two candidates explain, from which they act the same way.
+        same: cosine of what two candidates explain, refitted, from which they act the same way.
         gain: log-likelihood that the held-out trials must gain: a model that is no better there gains nothing.
         worth: root mean square of what is left over that of the friction force, from which it matters: friction itself
             repeats to a few per cent from day to day, and a long recording makes far less significant.
@@ -197,7 +197,15 @@ def judged(
     asked: Sequence[tuple[Tested, float, list[Tested]]],
     settings: Settings,
 ) -> tuple[Contender | None, list[Contender], list[Refused]]:
-    """The contender that is kept, those that are alike, and those that are refused."""
+    """The contender that is kept, those that are alike, and those that are refused.
+
+    Args:
+        before: the fit without any of them.
+        found: candidates refitted, the best first.
+        asked: of these the heads with the resolution at which they were tested, and what the tests do not tell from
+            them.
+        settings: significances and budgets.
+    """
     refused: list[Refused] = []
     reference = surprise(bench, before)
     left = []
@@ -233,7 +241,7 @@ def judged(
         alike = [
             c for c in near
             if c is not winner and c.cost < best.cost + settings.told_apart
-            and (cosine(c.tested, winner.tested) > settings.same
+            and (explained_alike(before, c.fit, winner.fit) > settings.same
                  or any({own, c.tested.candidate.name} <= members.keys() for members in classes))
         ]  # fmt: skip
         held: float | None = None
@@ -253,6 +261,20 @@ def judged(
         ]  # fmt: skip
         out |= {c.tested.candidate.name for c in (winner, *alike)}
     return None, [], refused
+
+
+def explained_alike(before: Fit, one: Fit, other: Fit) -> float:
+    """Cosine of what two fits explain of the residuals of the one before, all signals in units of their noise."""
+
+    def explained(fit: Fit) -> np.ndarray:
+        parts = [
+            np.nan_to_num((own.residuals[n] - new.residuals[n]) / before.sigmas[n])
+            for own, new in zip(before.state.pieces, fit.state.pieces, strict=True) for n in own.residuals
+        ]  # fmt: skip
+        return np.concatenate(parts)
+
+    a, b = explained(one), explained(other)
+    return float(a @ b / max(np.linalg.norm(a) * np.linalg.norm(b), 1e-300))
 
 
 def _surprises(bench: Bench, fits: Sequence[Fit]) -> list[Surprise | None]:
@@ -308,7 +330,6 @@ class Surprise:
         moved: with these integrated out: what the fitted trials leave open (a static friction above all that they
             hardly show) the held-out ones may tell. With S the information of the fit on u and C(u) their cost,
             Laplace's approximation is min_u C(u) + (u - u_fit)' S (u - u_fit) / 2 + log(det(C'' + S) / det S) / 2.
-            The same as ``as_fitted`` for laws without memory, which leave nothing so open.
     """
 
     as_fitted: float
@@ -323,7 +344,7 @@ def surprise(bench: Bench, fit: Fit) -> Surprise | None:
     problem, _, first, plain = found
     at, limits, widths = first.u, problem.space.limits, problem.resolutions
     held = _own_unknowns(problem, plain, first)
-    if held is None or not bench.mechanism.memory or not fit.state.curved:
+    if held is None or not fit.state.curved:
         return None if held is None else Surprise(held.cost, held.cost)
     S = reduced(fit.state)[0] + FAINT * np.eye(len(at))
 

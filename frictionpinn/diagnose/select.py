@@ -120,7 +120,7 @@ def select(
         if winner is None:
             break
         saved = replace(selection, accepted=list(selection.accepted), fits=dict(selection.fits))
-        selection.accepted.append(_accepted(before, winner, alike))
+        selection.accepted.append(_accepted(bench, options, before, winner, alike))
         selection.fit = bench.settle(winner.fit)
         dropped = _drop(bench, selection, settings)
         selection.last = tested(selection.fit, selection.accepted)
@@ -151,7 +151,10 @@ def _heads(
     return heads + [(t, []) for t in sorted(single, key=lambda t: t.candidate.usual)]
 
 
-def _accepted(before: Fit, winner: Contender, alike: Sequence[Contender]) -> Accepted:
+def _accepted(
+    bench: Bench, options: Sequence[Candidate], before: Fit, winner: Contender, alike: Sequence[Contender]
+) -> Accepted:
+    """The winner with what is alike: fits that are about as good, and what is the same by definition."""
     told = np.nan if winner.tested.untested else 1.0
     evidence = {
         "statistic": told * winner.tested.statistic, "log10_p": told * winner.tested.log_p,
@@ -159,8 +162,25 @@ def _accepted(before: Fit, winner: Contender, alike: Sequence[Contender]) -> Acc
     }  # fmt: skip
     if winner.gain is not None:
         evidence["gain_held_out"] = winner.gain
-    others = tuple((c.tested.candidate, {n: c.fit.values[n] for n in c.tested.candidate.strengths}) for c in alike)
-    return Accepted(winner.tested.candidate, winner.tested, evidence, others)
+    others = [(c.tested.candidate, {n: c.fit.values[n] for n in c.tested.candidate.strengths}) for c in alike]
+    same = _equivalents(bench, winner.tested.candidate, winner.fit.values)
+    listed = {candidate.name for candidate, _ in others}
+    others += [
+        (c, {n: same[n] for n in c.strengths}) for c in options if c.strengths[0] in same and c.name not in listed
+    ]
+    return Accepted(winner.tested.candidate, winner.tested, evidence, tuple(others))
+
+
+def _equivalents(bench: Bench, winner: Candidate, values: Mapping[str, float]) -> dict[str, float]:
+    """Strengths that act as the winner's by definition, with the values they would have, see
+    :meth:`frictionpinn.physics.effect.Effect.equivalents`."""
+    system, law, (name, *_) = bench.tested.system, bench.tested.law, winner.strengths
+    found = {}
+    for pair, factor in (item for e in bench.tested.effects for item in e.equivalents(system, law).items()):
+        for (own, other), times in ((pair, factor), (pair[::-1], 1 / factor)):
+            if own == name:
+                found[other] = times * values[name]
+    return found
 
 
 def _drop(bench: Bench, selection: Selection, settings: Settings) -> list[Refused]:

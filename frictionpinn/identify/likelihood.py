@@ -27,7 +27,6 @@ from ..data.recording import Recording
 from ..errors import UserError
 from ..numerics.descent import (
     CLOSELY,
-    GIVEN,
     Evaluate,
     Solution,
     State,
@@ -50,8 +49,9 @@ from .start import find_start
 from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours
 
-RIVAL = 15.0  # log-likelihood over windows: a start that is worse by more is not tried on the whole trials
-AS_NEAR = 4.0  # log-likelihood at the coarsest resolution: another start that is as near is followed as well
+# Log-likelihood at the coarsest resolution, in units of what residuals are worth there (:attr:`State.unit`): another
+# start that is as near is followed as well; 400 to 1.
+AS_NEAR = 6.0
 ELSEWHERE = 0.1  # in log u: starts that are closer are the same
 KICKS = tuple(np.geomspace(1.0, 12.0, 8))  # standard errors to where searches for other minima begin
 # Times the stiffness of the fit: a ring that lasts k periods fits one off as well, at (1 -+ 1/k)^2; k is 3 to 6.
@@ -182,14 +182,14 @@ def beginnings(problem: Problem, state: State) -> list[State]:
 
 def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, float]) -> list[Found]:
     """Fits of the whole trials, best first: the starts at the coarsest resolution, and from the best of these down to
-    the sample. Another is followed, too, where it is about as good there but elsewhere.
+    the sample. Another is followed, too, where it is about as good there but elsewhere. (What the windows cost ranks no
+    starts: their inputs are as measured, and a noisy push moves a stop.)
     """
     limits, widths = problem.space.limits, problem.resolutions
     distinct: list[State] = []
     coarse: list[Found] = []
     for start in counted(starts, "whole trials, coarsely"):
-        poor = start.state.cost > starts[0].state.cost + RIVAL and start.reason != GIVEN
-        if poor or any(_alike(start.state, other) for other in distinct):
+        if any(_alike(start.state, other) for other in distinct):
             continue
         distinct.append(start.state)
         begun = _begun(problem, start.state.u)
@@ -200,7 +200,7 @@ def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, fl
     ends: list[Found] = []
     for k, (first, models) in enumerate(counted(coarse, "whole trials, to the sample")):
         lowest = coarse[0][0].state
-        if k and (first.state.cost > lowest.cost + AS_NEAR or _alike(first.state, lowest)):
+        if k and (first.state.cost > lowest.cost + AS_NEAR * lowest.unit or _alike(first.state, lowest)):
             continue
         found = coarse_to_fine(problem.evaluator(models, sigmas), first.state, limits, widths[1:]) or first
         ends.append((found, models))

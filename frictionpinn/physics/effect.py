@@ -124,6 +124,11 @@ class Effect:
         """Signal -> {parameter: sign}: by this sum, in s, a prediction is measured late, or an input acts late."""
         return {}
 
+    def equivalents(self, system: System, law: FrictionLaw) -> dict[tuple[str, str], float]:
+        """Pairs of strengths, of this and of any effect, that act the same way by definition: the second's value over
+        the first's."""
+        return {}
+
 
 def strength(name: str, unit: str, text: str, low: float = -math.inf, high: float = math.inf, **more) -> Parameter:
     """A parameter that switches its effect off at 0."""

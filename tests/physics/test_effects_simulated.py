@@ -14,7 +14,7 @@ from short_paths import PATHS, T
 from frictionpinn.numerics.delay import shift_pieces, shift_samples
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulate import Simulator
-from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.physics.system import TIME
 
@@ -131,6 +131,20 @@ def test_a_late_sensor_of_a_driven_coordinate_means_that_the_truth_is_ahead():
     expected = base.simulate(T, InputPath.from_expressions(base.mechanism, T, ahead), law_values("lugre"))
     np.testing.assert_allclose(found.N[:-3], expected.N[:-3], atol=1e-6)
     np.testing.assert_allclose(found.v[:-3], expected.v[:-3], atol=1e-4)
+
+
+@pytest.mark.parametrize(("system", "count"), [("pob", 1), ("drive", 1), ("pendulum", 1), ("sdob", 0), ("damper", 0)])
+def test_strengths_that_are_equivalent_by_definition_show_the_same_motion(system, count):
+    pairs = EFFECTS["sensor_delay"]().equivalents(SYSTEMS[system](), LAWS["lugre"]())
+    assert len(pairs) == count
+    for (own, other), factor in pairs.items():
+        shown = [
+            with_effect(system, "lugre", "delay" if name.startswith("delay") else "sensor_delay", **{name: value})[0]
+            for name, value in ((own, 0.0), (own, 4e-3), (other, 4e-3 * factor))
+        ]
+        velocity = next(iter(plain(system, "lugre").free)).signals[1]
+        prompt, late, driven = (run.signals[velocity][len(T) // 2 :] for run in shown)
+        assert np.std(late - driven) < 0.05 * np.std(late - prompt)
 
 
 def test_the_full_share_of_presliding_is_dahl_friction():

@@ -1,6 +1,6 @@
 """A sensor that shows a signal late."""
 
-from ..effect import Effect, given, sensed, strength
+from ..effect import Effect, applied, given, sensed, strength
 from ..scan import Scan
 
 
@@ -30,3 +30,13 @@ class SensorDelay(Effect):
             for y in signals:
                 result.setdefault(y, {})[f"sensor_delay_{key}"] = -1.0 if y in given(system) else 1.0
         return result
+
+    def equivalents(self, system, law):
+        """All that is predicted late, or all that drives early: no clock tells which."""
+        whole = {name: key for key, names in sensed(system).items() for name in names}  # the largest group of each
+        late = {whole[name] for c in system.free for name in c.signals if name in whole}
+        early = {f"sensor_delay_{whole[name]}": -1.0 for name in given(system)}
+        early |= {f"delay_{name}": 1.0 for name in applied(system)}
+        if system.massless or len(late) != 1 or len(early) != 1:
+            return {}
+        return {(f"sensor_delay_{late.pop()}", other): factor for other, factor in early.items()}
