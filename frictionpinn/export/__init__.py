@@ -3,8 +3,5 @@
 import sys
 
 from .. import Function
-from .portable import PortableModel
-
-__all__ = ["PortableModel"]
 
 sys.modules[__name__].__class__ = Function  # called, this is frictionpinn.export(...)

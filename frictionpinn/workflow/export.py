@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import choose
-from ..export import PortableModel
 from ..export.c_code import write_c
 from ..export.mujoco_model import write_mujoco
 from ..export.onnx_model import write_onnx
+from ..export.portable import PortableModel
 from ..models import FrictionModel
 from ..physics import System
 from .build import Config, build_recording

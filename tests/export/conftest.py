@@ -13,7 +13,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from frictionpinn.data.contact import ContactTrial
-from frictionpinn.export import PortableModel
+from frictionpinn.export.portable import PortableModel
 from frictionpinn.models import FrictionModel
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.physics import System
