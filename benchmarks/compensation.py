@@ -197,7 +197,7 @@ def main() -> None:
     asked = [name for name in PARTS if getattr(arguments, name)]
     if asked:
         for name in asked:
-            getattr(import_module(PARTS[name]), name)(chosen)
+            getattr(import_module(PARTS[name]), name)(chosen, arguments.kinds)
     elif not arguments.page:
         begun, seeds = time.time(), [FIRST, FIRST + arguments.seeds - 1]
         table, file = measure(chosen, range(FIRST, seeds[1] + 1), arguments.kinds), RESULTS / "compensation.json"
