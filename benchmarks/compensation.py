@@ -170,13 +170,13 @@ def measure(chosen: dict, seeds: range, kinds: Iterable[str]) -> dict:
     table: dict = {}
     for name in kinds:
         for motion in REFERENCES:
-            begun = time.time()
+            begun = time.process_time()
             for arm in ARMS:
                 rows = [figures(closed(name, motion, seed, made(chosen, name, arm))) for seed in seeds]
                 columns = {key: [float(f"{row[key]:.5g}") for row in rows] for key in rows[0]}
                 table.setdefault(name, {}).setdefault(motion, {})[arm] = columns
             told = {arm: float(np.median(table[name][motion][arm]["rms"])) for arm in ARMS}
-            print(f"{name} {motion}: {told} {time.time() - begun:.0f} s", flush=True)
+            print(f"{name} {motion}: {told} {time.process_time() - begun:.0f} s", flush=True)
     return table
 
 
@@ -199,9 +199,9 @@ def main() -> None:
         for name in asked:
             getattr(import_module(PARTS[name]), name)(chosen, arguments.kinds)
     elif not arguments.page:
-        begun, seeds = time.time(), [FIRST, FIRST + arguments.seeds - 1]
+        seeds = [FIRST, FIRST + arguments.seeds - 1]
         table, file = measure(chosen, range(FIRST, seeds[1] + 1), arguments.kinds), RESULTS / "compensation.json"
-        result = {"seeds": seeds, "seconds": round(time.time() - begun), "table": table}
+        result = {"seeds": seeds, "table": table}
         if arguments.seeds < 20:
             print(report.text(result, chosen))
             return
@@ -210,7 +210,6 @@ def main() -> None:
             if before["seeds"] != seeds:
                 raise SystemExit(f"{file.name} holds seeds {before['seeds']}: measure all kinds")
             result["table"] = {name: (before["table"] | table)[name] for name in KINDS}
-            result["seconds"] += before["seconds"]
         file.write_text(json.dumps(result) + "\n", encoding="utf-8")
     report.write(chosen)
 

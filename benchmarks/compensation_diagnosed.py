@@ -10,7 +10,6 @@ is identified once. Rows and what was identified are kept in benchmarks/results/
 
 from __future__ import annotations
 
-import json
 import tempfile
 import time
 from collections.abc import Iterable
@@ -18,11 +17,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from compensation import ARMS, DELAY, FIRST, REFERENCES, RESULTS, closed, compensator, figures, made
+from compensation import ARMS, DELAY, FIRST, REFERENCES, closed, compensator, figures, made
 from compensation_learned import alone, declared
 from compensation_oracle import WITHIN
 from compensation_plants import KINDS, Draw, draw
-from compensation_report import save, unit
+from compensation_report import keep, kept, unit
 
 from frictionpinn.control.record import recorded
 from frictionpinn.errors import UserError
@@ -33,18 +32,17 @@ SEEDS = range(FIRST, FIRST + 3)  # the odd one with the load
 COMPARED = ("feedforward", "estimator")
 RATE = 100.0  # Hz, of the recording: encoder and torque are averaged to it
 CASES = {"believed": "as believed, 20 % wrong", "alone": "LuGre identified", "added": "effect diagnosed and added"}
-FILE = RESULTS / "compensation_diagnosed.json"
 
 
 def diagnosed(chosen: dict, kinds: Iterable[str] = tuple(KINDS)) -> None:
     """Measure these kinds of axis, keep the others, and write rows and table after every axis."""
-    rows = json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else []
-    rows = [row for row in rows if row["name"] not in kinds and row["seed"] in SEEDS]
+    found = kept("diagnosed", kinds)
+    for name in kinds:
+        found[name] = []
     for seed in SEEDS:
         for name in kinds:
-            rows.append(follow(chosen, name, seed))
-            FILE.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-            save("diagnosed", table(rows))
+            found[name].append(follow(chosen, name, seed))
+            keep("diagnosed", found, _table)
 
 
 def follow(chosen: dict, name: str, seed: int) -> dict:
@@ -84,13 +82,16 @@ def _errors(name: str, seed: int, make, axis: Draw) -> dict[str, float]:
     return {m: float(f"{figures(closed(name, m, seed, make, lambda _: axis))['rms']:.5g}") for m in REFERENCES}
 
 
-def table(rows: list[dict]) -> list[str]:
+def _table(found: dict) -> list[str]:
     """Verdicts, ratios to the oracle, and what was found on every axis."""
+    rows = [row for axes in found.values() for row in axes]
     whole = [row for row in rows if all(f"estimator, {case}" in row["errors"] for case in CASES)]
     names = [name for name in KINDS if any(row["name"] == name for row in whole)]
+    seeds = {name: "+".join(str(row["seed"]) for row in rows if row["name"] == name) for name in found}
     lines = [
         "python benchmarks/compensation.py --diagnosed",
-        f"seeds {SEEDS[0]} to {SEEDS[-1]}; identified from 12 s with the PID alone, encoder and torque at {RATE:g} Hz,",
+        f"seeds {', '.join(f'{name} {told}' for name, told in seeds.items())} (odd ones carry the load);",
+        f"identified from 12 s with the PID alone, encoder and torque at {RATE:g} Hz,",
         f"started from what is believed, 20 % wrong; effects tried: {', '.join(EFFECTS)}; time of one core",
         "",
         *_gains(whole, names),
