@@ -34,7 +34,7 @@ from compensation import (
     made,
 )
 from compensation_plants import KINDS, Draw, draw
-from compensation_report import save, unit
+from compensation_report import keep, kept, unit
 
 import frictionpinn as fp
 from frictionpinn.control import Compensator, close, reference
@@ -112,31 +112,44 @@ def network(name: str, it: Draw, model: str, more: dict) -> Adds:
 
 def learned(chosen: dict, kinds: Iterable[str] = tuple(AXES)) -> None:
     """Rms error of the online estimator's force and of networks, beside arms of the main table."""
-    arms = {arm: ARMS[arm] for arm in BESIDE} | {"online": "online estimator's force"}
-    arms |= {key: f"network {key}" for key in NETWORKS}
+    asked = [kind for kind in AXES if kind in kinds]
+    found = kept("learned", asked)
+    for name in asked:
+        it, found[name] = draw(name, AXES[name]), {}
+        for arm in _arms():
+            helper, row = _new(chosen, name, arm, it), {}
+            for motion in MOTIONS:
+                ((loop, _),) = runs = closed(name, motion, AXES[name], lambda _, helper=helper: helper, holds=0.0)
+                late = loop.t >= SKIPPED
+                true, added = loop.friction[late], loop.added[late]
+                alike = float(np.corrcoef(added, true)[0, 1]) if added.any() else 0.0
+                row[motion] = [figures(runs)["rms"], alike, float(added @ true / (true @ true))]
+            found[name][arm] = row
+            print(name, arm, row, flush=True)
+        keep("learned", found, _table)
+
+
+def _arms() -> dict[str, str]:
+    named = {arm: ARMS[arm] for arm in BESIDE} | {"online": "online estimator's force"}
+    return named | {key: f"network {key}" for key in NETWORKS}
+
+
+def _table(found: dict) -> list[str]:
     lines = [
         "python benchmarks/compensation.py --learned",
         "rms error; online estimator from parameters believed 20 % wrong; networks of "
         f"{EPOCHS} epochs on 12 s of the axis with",
         f"the PID alone at {RATE:g} Hz; correlation and share: of what was added with the true friction",
     ]
-    for name in [kind for kind in AXES if kind in kinds]:
+    for name, rows in found.items():
         factor, told = unit(name)
-        it = draw(name, AXES[name])
-        head = "".join(f"{f'{motion}, {told}':>24}{'correlation':>12}{'share':>8}" for motion in MOTIONS)
-        lines += ["", f"  {f'{name} {AXES[name]}, load +50 %' if it.loaded else f'{name} {AXES[name]}':<30}{head}"]
-        for arm, title in arms.items():
-            helper, cells = _new(chosen, name, arm, it), ""
-            for motion in MOTIONS:
-                ((loop, _),) = found = closed(name, motion, AXES[name], lambda _, helper=helper: helper, holds=0.0)
-                late = loop.t >= SKIPPED
-                true, added = loop.friction[late], loop.added[late]
-                share = float(added @ true / (true @ true))
-                alike = float(np.corrcoef(added, true)[0, 1]) if added.any() else np.nan
-                cells += f"{factor * figures(found)['rms']:>24.4g}{alike:>12.2f}{share:>8.2f}"
-            lines.append(f"    {title:<28}{cells}")
-            print(lines[-1], flush=True)
-    save("learned", lines)
+        head = "".join(f"{f'{motion}, {told}':>24}{'correlation':>13}{'share':>8}" for motion in MOTIONS)
+        loaded = ", load +50 %" if AXES[name] % 2 else ""
+        lines += ["", f"  {f'{name} {AXES[name]}{loaded}':<30}{head}"]
+        for arm, row in rows.items():
+            cells = "".join(f"{factor * rms:>24.4g}{alike:>13.2f}{share:>8.2f}" for rms, alike, share in row.values())
+            lines.append(f"    {_arms()[arm]:<28}{cells}")
+    return lines
 
 
 def _new(chosen: dict, name: str, arm: str, it: Draw) -> Adds | Compensator | None:
