@@ -6,9 +6,9 @@ A network is trained for every axis on a recording of it with the PID alone, wit
 believed; the online estimator starts from the believed parameters, as every other arm, and adapts what
 conf/control/estimator.yaml lets adapt. A cycle of these arms takes 0.1 to 1 ms of Python, so there are few axes.
 
-BB2 and PE2 see the frictionless acceleration a + F/m. Along a reference it is known only with the force that they gave
-last, so a network that has learned F = m (a_frictionless - a), which is true of every recording, gives what it gave
-before; BB1, PE1 and BB2 and PE2 without that input tell friction from the motion. The last columns show which.
+PE2 sees the frictionless acceleration a + F/m. Along a reference it is known only with the force that the network gave
+last, so one that has learned F = m (a_frictionless - a), which is true of every recording, gives what it gave before;
+BB1, PE1, and PE2 without that input, tell friction from the motion. The correlation shows which.
 """
 
 from __future__ import annotations
@@ -55,9 +55,7 @@ SEES = ["v_slip", "normal_force"]  # all but the frictionless acceleration
 NETWORKS: dict[str, tuple[str, dict]] = {  # title, model and options
     "BB1": ("bb1", {}),
     "PE1": ("pe1", {}),
-    "BB2": ("bb2", {}),
     "PE2": ("pe2", {}),
-    "BB2, velocity alone": ("bb2", {"model.inputs": SEES}),
     "PE2, velocity alone": ("pe2", {"model.inputs": SEES}),
 }
 EPOCHS = 300  # of a network's training: 5 s
