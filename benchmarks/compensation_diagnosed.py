@@ -135,11 +135,12 @@ def _gains(rows: list[dict], names: list[str]) -> list[str]:
     own = [name for name in names if any(row["name"] == name for row in told)]
     for arm in COMPARED:
         gains = {n: np.median([ratio(told, n, m, f"{arm}, added", f"{arm}, alone") for m in REFERENCES]) for n in own}
+        lower = sum(gain < 1.0 for gain in gains.values())
         lines.append(
-            f"{ARMS[arm]}: with the effect that was diagnosed, lower than LuGre alone (median over motions) in "
-            f"{sum(gain < 1.0 for gain in gains.values())} of {len(names)} plants: "
-            + ", ".join(f"{n} {100 * (1 - gain):.0f} %" for n, gain in gains.items())
+            f"{ARMS[arm]}, with the effect that was diagnosed: lower than LuGre alone in {lower} of {len(names)}"
         )
+        told_gains = ", ".join(f"{name} {100 * (1 - gain):.0f} %" for name, gain in gains.items())
+        lines.append(f"  plants (median over motions): {told_gains}")
     return lines
 
 
