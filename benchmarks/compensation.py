@@ -150,9 +150,9 @@ def made(chosen: dict, name: str, arm: str, **more: float) -> Callable[[Draw], C
     return lambda it: compensator(arm, it, **{**own, **more})
 
 
-def tune(chosen: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
-    """What is adjustable in an arm, for every kind of axis not yet there, chosen on the tuning seeds."""
-    for name in [kind for kind in KINDS if kind not in chosen]:
+def tune(chosen: dict[str, dict[str, float]], kinds: Iterable[str]) -> dict[str, dict[str, float]]:
+    """What is adjustable in an arm, for those kinds of axis that are not yet there, chosen on the tuning seeds."""
+    for name in [kind for kind in kinds if kind not in chosen]:
         chosen[name] = {}
         for arm, (_, values) in CHOICES.items():
             scores = {}
@@ -170,13 +170,13 @@ def measure(chosen: dict, seeds: range, kinds: Iterable[str]) -> dict:
     table: dict = {}
     for name in kinds:
         for motion in REFERENCES:
-            begun = time.time()
+            begun = time.process_time()
             for arm in ARMS:
                 rows = [figures(closed(name, motion, seed, made(chosen, name, arm))) for seed in seeds]
                 columns = {key: [float(f"{row[key]:.5g}") for row in rows] for key in rows[0]}
                 table.setdefault(name, {}).setdefault(motion, {})[arm] = columns
             told = {arm: float(np.median(table[name][motion][arm]["rms"])) for arm in ARMS}
-            print(f"{name} {motion}: {told} {time.time() - begun:.0f} s", flush=True)
+            print(f"{name} {motion}: {told} {time.process_time() - begun:.0f} s", flush=True)
     return table
 
 
@@ -192,16 +192,16 @@ def main() -> None:
 
     tuned_file = RESULTS / "compensation_tuned.json"
     chosen = {} if arguments.tune or not tuned_file.exists() else json.loads(tuned_file.read_text(encoding="utf-8"))
-    if set(chosen) < set(KINDS):
-        tuned_file.write_text(json.dumps(tune(chosen), indent=1) + "\n", encoding="utf-8")
+    if set(arguments.kinds) - set(chosen) and not arguments.page:
+        tuned_file.write_text(json.dumps(tune(chosen, arguments.kinds), indent=1) + "\n", encoding="utf-8")
     asked = [name for name in PARTS if getattr(arguments, name)]
     if asked:
         for name in asked:
-            getattr(import_module(PARTS[name]), name)(chosen)
+            getattr(import_module(PARTS[name]), name)(chosen, arguments.kinds)
     elif not arguments.page:
-        begun, seeds = time.time(), [FIRST, FIRST + arguments.seeds - 1]
+        seeds = [FIRST, FIRST + arguments.seeds - 1]
         table, file = measure(chosen, range(FIRST, seeds[1] + 1), arguments.kinds), RESULTS / "compensation.json"
-        result = {"seeds": seeds, "seconds": round(time.time() - begun), "table": table}
+        result = {"seeds": seeds, "table": table}
         if arguments.seeds < 20:
             print(report.text(result, chosen))
             return
@@ -209,8 +209,8 @@ def main() -> None:
             before = json.loads(file.read_text(encoding="utf-8"))
             if before["seeds"] != seeds:
                 raise SystemExit(f"{file.name} holds seeds {before['seeds']}: measure all kinds")
-            result["table"] = {name: (before["table"] | table)[name] for name in KINDS}
-            result["seconds"] += before["seconds"]
+            found = before["table"] | table
+            result["table"] = {name: found[name] for name in KINDS if name in found}
         file.write_text(json.dumps(result) + "\n", encoding="utf-8")
     report.write(chosen)
 

@@ -1,111 +1,157 @@
-"""The effect that nobody declared: diagnosed on recordings with the PID alone, and added before compensating.
+"""The user's loop: record with the PID alone, diagnose, identify, compensate; held against the oracle.
 
 python benchmarks/compensation.py --diagnosed
+
+Every axis is recorded with the PID alone and identified twice from that recording: LuGre alone, and with the effect
+that a diagnosis adds to it. Arms are then run with what is believed (20 % wrong), with LuGre as identified, and with
+the effect. Axes, motions and options are those of the main table; the two axes of a circle are alike, since each axis
+is identified once. Rows and what was identified are kept in benchmarks/results/compensation_diagnosed.json.
 """
 
 from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from compensation import ARMS, DELAY, FIRST, closed, compensator, figures, made
+from compensation import ARMS, DELAY, FIRST, REFERENCES, closed, compensator, figures, made
 from compensation_learned import alone, declared
 from compensation_oracle import WITHIN
 from compensation_plants import KINDS, Draw, draw
-from compensation_report import save
+from compensation_report import keep, kept, unit
 
 from frictionpinn.control.record import recorded
 from frictionpinn.errors import UserError
 from frictionpinn.workflow.compensate import identified
 
 EFFECTS = ("asymmetry", "position_friction", "ripple")  # that a diagnosis tries: those of the axes
-TRIED = ("slow triangle", "reversing sine", "point to point", "multisine")
-SEEDS = (FIRST, FIRST + 1)  # without and with the load
+SEEDS = range(FIRST, FIRST + 3)  # the odd one with the load
 COMPARED = ("feedforward", "estimator")
 RATE = 100.0  # Hz, of the recording: encoder and torque are averaged to it
+CASES = {"believed": "as believed, 20 % wrong", "alone": "LuGre identified", "added": "effect diagnosed and added"}
 
 
-def diagnosed(chosen: dict) -> None:
-    """Rms error of LuGre alone and with what the diagnosis added, both identified from the same recording."""
+def diagnosed(chosen: dict, kinds: Iterable[str] = tuple(KINDS)) -> None:
+    """Measure these kinds of axis, keep the others, and write rows and table after every axis."""
+    found = kept("diagnosed", kinds)
+    for name in kinds:
+        found[name] = []
+    for seed in SEEDS:
+        for name in kinds:
+            found[name].append(follow(chosen, name, seed))
+            keep("diagnosed", found, _table)
+
+
+def follow(chosen: dict, name: str, seed: int) -> dict:
+    """One axis through the loop: what was identified, and rms errors by motion, arm and case."""
+    it = draw(name, seed)
+    own = declared(it)
+    law = [par.name for par in own.law.parameters if par.value is None]
+    # a preload scales mu_c and mu_s, which are free
+    free = [*law, *(key for key, value in own.system.values.items() if value and key != "preload")]
+    recording = recorded(alone(name, it), own, DELAY, RATE)
+    options = {"free": free, "start": {key: it.believed[key] for key in free}}
+    found, told = {"believed": it}, {}
+    with tempfile.TemporaryDirectory() as place:
+        for case, effects in (("alone", ()), ("added", EFFECTS)):
+            begun = time.process_time()
+            try:
+                mechanism, values, verdict = identified(own, recording, Path(place), effects=list(effects), **options)
+            except UserError as error:
+                told[case] = {"verdict": f"not identified: {error}", "effects": [], "parameters": {}}
+                continue
+            found[case] = Draw(it.plant, mechanism, values, it.loaded)
+            told[case] = {
+                "verdict": verdict,
+                "effects": [effect.name for effect in mechanism.effects],
+                "parameters": {key: float(f"{value:.5g}") for key, value in values.items()},
+                "seconds": round(time.process_time() - begun),
+            }
+    errors = {"oracle": _errors(name, seed, partial(compensator, "oracle"), it)}
+    for arm in COMPARED:
+        for case, axis in found.items():
+            errors[f"{arm}, {case}"] = _errors(name, seed, made(chosen, name, arm), axis)
+    return {"name": name, "seed": seed, "identified": told, "errors": errors}
+
+
+def _errors(name: str, seed: int, make, axis: Draw) -> dict[str, float]:
+    """Rms errors by motion, every axis of a motion the same."""
+    return {m: float(f"{figures(closed(name, m, seed, make, lambda _: axis))['rms']:.5g}") for m in REFERENCES}
+
+
+def _table(found: dict) -> list[str]:
+    """Verdicts, ratios to the oracle, and what was found on every axis."""
+    rows = [row for axes in found.values() for row in axes]
+    whole = [row for row in rows if all(f"estimator, {case}" in row["errors"] for case in CASES)]
+    names = [name for name in KINDS if any(row["name"] == name for row in whole)]
+    seeds = {name: "+".join(str(row["seed"]) for row in rows if row["name"] == name) for name in found}
     lines = [
         "python benchmarks/compensation.py --diagnosed",
-        f"identified from 12 s with the PID alone (encoder and torque at {RATE:g} Hz), started from what is believed,",
-        f"20 % wrong; effects tried: {', '.join(EFFECTS)}; rms error, LuGre alone and with what the",
-        f"diagnosis added, medians over {', '.join(TRIED)}",
+        f"seeds {', '.join(f'{name} {told}' for name, told in seeds.items())} (odd ones carry the load);",
+        f"identified from 12 s with the PID alone, encoder and torque at {RATE:g} Hz,",
+        f"started from what is believed, 20 % wrong; effects tried: {', '.join(EFFECTS)}; time of one core",
         "",
+        *_gains(whole, names),
+        *_within(whole, names),
+        "",
+        "our estimator's rms error over the oracle's, ratio of medians over seeds",
     ]
-    rows = []
-    for name in KINDS:
-        for seed in SEEDS:
-            try:
-                rows.append(_diagnosed(chosen, name, seed))
-                lines.append(rows[-1]["line"])
-            except UserError as error:
-                lines.append(f"  {name} {seed}: could not be identified ({error})")
-            print(lines[-1], flush=True)
-            save("diagnosed", [*lines, "", *_verdicts(rows)])
-
-
-def _verdicts(rows: list[dict]) -> list[str]:
-    lines = []
-    for arm in COMPARED:
-        gained = {name: [r[arm] for r in rows if r["name"] == name and r["found"]] for name in KINDS}
-        better = [
-            f"{name} ({', '.join(f'{100 * (1 - gain):.0f} %' for gain in gains)} lower)"
-            for name, gains in gained.items()
-            if gains and max(gains) < 1.0
-        ]
-        lines.append(
-            f"{ARMS[arm]}: a lower median with the added effect, on every seed where one was added, in {len(better)} "
-            f"of {len(KINDS)} plants: {', '.join(better) or 'none'}"
-        )
-    for case in ("alone", "added"):
-        ratios = [ratio for row in rows for ratio in row["ratios"][case]]
-        within = sum(ratio <= WITHIN for ratio in ratios)
-        lines.append(
-            f"{ARMS['estimator']}, {case}: within {WITHIN:g} times the oracle's rms error in {within} of {len(ratios)} "
-            f"motions; ratio median {np.median(ratios) if ratios else np.nan:.2f}"
-        )
+    for name in names:
+        lines += ["", f"  {name:<34}" + "".join(f"{text:>16}" for text in REFERENCES)]
+        for case, title in CASES.items():
+            cells = [ratio(whole, name, motion, f"estimator, {case}") for motion in REFERENCES]
+            lines.append(f"    {title:<32}" + "".join(f"{cell:>16.2f}" for cell in cells))
+    lines += ["", "what was found; rms errors: medians over motions"]
+    for row in rows:
+        factor, told = unit(row["name"])
+        added, alone_ = row["identified"]["added"], row["identified"]["alone"]
+        head = f"  {row['name']} {row['seed']}: true effect {KINDS[row['name']].effect}; {added['verdict']}: "
+        head += f"{', '.join(added['effects']) or 'nothing'}"
+        if alone_["verdict"].startswith("not identified"):
+            head += f"; LuGre alone: {alone_['verdict']}"
+        medians = {key: factor * float(np.median(list(errors.values()))) for key, errors in row["errors"].items()}
+        parts = []
+        for arm in COMPARED:
+            values = [f"{medians[f'{arm}, {case}']:.3g}" for case in CASES if f"{arm}, {case}" in medians]
+            parts.append(f"{ARMS[arm]} {' to '.join(values)}")
+        seconds = sum(part.get("seconds", 0) for part in row["identified"].values())
+        lines.append(f"{head} ({seconds} s)")
+        lines.append(f"    {told}: {'; '.join(parts)}; oracle {medians['oracle']:.3g}")
     return lines
 
 
-def _diagnosed(chosen: dict, name: str, seed: int) -> dict:
-    kind, it = KINDS[name], draw(name, seed)
-    own = declared(it)
-    law = [par.name for par in own.law.parameters if par.value is None]
-    free = [*law, *(key for key, value in own.system.values.items() if value)]
-    recording = recorded(alone(name, it), own, DELAY, RATE)
-    options = {"free": free, "start": {key: it.believed[key] for key in free}}
-    begun, models = time.time(), {}
-    with tempfile.TemporaryDirectory() as place:
-        for case, effects in (("alone", ()), ("added", EFFECTS)):
-            mechanism, values, verdict = identified(own, recording, Path(place), effects=list(effects), **options)
-            models[case] = (Draw(it.plant, mechanism, values, it.loaded), verdict)
-    seconds = time.time() - begun
-    errors = {
-        (arm, case): _errors(name, seed, made(chosen, name, arm), found)
-        for arm in COMPARED
-        for case, (found, _) in models.items()
-    }
-    best = np.array([figures(closed(name, m, seed, partial(compensator, "oracle")))["rms"] for m in TRIED])
-    found, verdict = models["added"]
-    names = [effect.name for effect in found.model.effects]
-    medians = {key: float(np.median(values)) for key, values in errors.items()}
-    cells = "; ".join(
-        f"{ARMS[arm]} {1e6 * medians[arm, 'alone']:.3g} to {1e6 * medians[arm, 'added']:.3g}" for arm in COMPARED
-    )
-    return {
-        "name": name,
-        "found": bool(names),
-        "line": f"  {name} {seed}: true effect {kind.effect}; {verdict}: {', '.join(names) or 'nothing'} "
-        f"({seconds:.0f} s); rms in µ: {cells}; oracle {1e6 * np.median(best):.3g}",
-        "ratios": {case: (errors["estimator", case] / best).tolist() for case in models},
-        **{arm: medians[arm, "added"] / medians[arm, "alone"] for arm in COMPARED},
-    }
+def ratio(rows: list[dict], name: str, motion: str, arm: str, base: str = "oracle") -> float:
+    """Median rms error over seeds, of one arm over another."""
+    own = [row["errors"] for row in rows if row["name"] == name]
+    return float(np.median([e[arm][motion] for e in own]) / np.median([e[base][motion] for e in own]))
 
 
-def _errors(name: str, seed: int, make, found: Draw) -> np.ndarray:
-    return np.array([figures(closed(name, motion, seed, make, lambda _: found))["rms"] for motion in TRIED])
+def _gains(rows: list[dict], names: list[str]) -> list[str]:
+    """Further gain over LuGre alone, over the seeds on which an effect was found."""
+    lines, told = [], [row for row in rows if row["identified"]["added"]["effects"]]
+    own = [name for name in names if any(row["name"] == name for row in told)]
+    for arm in COMPARED:
+        gains = {n: np.median([ratio(told, n, m, f"{arm}, added", f"{arm}, alone") for m in REFERENCES]) for n in own}
+        lower = sum(gain < 1.0 for gain in gains.values())
+        lines.append(
+            f"{ARMS[arm]}, with the effect that was diagnosed: lower than LuGre alone in {lower} of {len(names)}"
+        )
+        told_gains = ", ".join(f"{name} {100 * (1 - gain):.0f} %" for name, gain in gains.items())
+        lines.append(f"  plants (median over motions): {told_gains}")
+    return lines
+
+
+def _within(rows: list[dict], names: list[str]) -> list[str]:
+    lines = []
+    for case, title in CASES.items():
+        ratios = [ratio(rows, name, motion, f"estimator, {case}") for name in names for motion in REFERENCES]
+        within = sum(value <= WITHIN for value in ratios)
+        middle = f"{np.median(ratios):.2f}" if ratios else "unknown"
+        lines.append(
+            f"{ARMS['estimator']}, {title}: within {WITHIN:g} times the oracle's in {within} of {len(ratios)} "
+            f"settings; ratio median {middle}"
+        )
+    return lines

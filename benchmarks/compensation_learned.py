@@ -4,21 +4,37 @@
 
 A network is trained for every axis on a recording of it with the PID alone, with the inertia and gravity that are
 believed; the online estimator starts from the believed parameters, as every other arm, and adapts what
-conf/control/estimator.yaml lets adapt. A cycle of the estimator takes a millisecond of Python, so there are few seeds.
+conf/control/estimator.yaml lets adapt. A cycle of these arms takes 0.1 to 1 ms of Python, so there are few axes.
+
+PE2 sees the frictionless acceleration a + F/m. Along a reference it is known only with the force that the network gave
+last, so one that has learned F = m (a_frictionless - a), which is true of every recording, gives what it gave before;
+BB1, PE1, and PE2 without that input, tell friction from the motion. The correlation shows which.
 """
 
 from __future__ import annotations
 
 import logging
 import tempfile
-from collections.abc import Callable
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import torch
-from compensation import ARMS, DELAY, FIRST, INTERVAL, closed, compensator, config, controller, figures, made
-from compensation_plants import KINDS, Draw
-from compensation_report import save, unit
+from compensation import (
+    ARMS,
+    DELAY,
+    FIRST,
+    INTERVAL,
+    SKIPPED,
+    closed,
+    compensator,
+    config,
+    controller,
+    figures,
+    made,
+)
+from compensation_plants import KINDS, Draw, draw
+from compensation_report import keep, kept, unit
 
 import frictionpinn as fp
 from frictionpinn.control import Compensator, close, reference
@@ -32,12 +48,17 @@ from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.workflow.export import sampling_interval
 from frictionpinn.workflow.load import load_run
 
-SEEDS = (FIRST, FIRST + 1)  # without and with the load
-AXES = ("drive", "joint")  # one linear, one rotary with gravity
+AXES = {"drive": FIRST, "joint": FIRST + 1}  # seed: one linear without the load, one rotary with gravity and load
 MOTIONS = ("reversing sine", "multisine")
 BESIDE = ("none", "feedforward", "estimator", "oracle")  # arms of the main table on the same seeds
-NETWORKS = ("bb2", "pe2")
-EPOCHS = 300  # of a network's training
+SEES = ["v_slip", "normal_force"]  # all but the frictionless acceleration
+NETWORKS: dict[str, tuple[str, dict]] = {  # title, model and options
+    "BB1": ("bb1", {}),
+    "PE1": ("pe1", {}),
+    "PE2": ("pe2", {}),
+    "PE2, velocity alone": ("pe2", {"model.inputs": SEES}),
+}
+EPOCHS = 300  # of a network's training: 5 s
 RATE = 250.0  # Hz, of the recording that networks are trained on
 SHAPES = (("triangle", 4.0, 1.0), ("sine", 2.0, 1.0), ("multisine", 3.0, 1.3), ("sine", 1.0, 0.7))
 
@@ -73,13 +94,13 @@ def online(name: str, it: Draw) -> Adds:
     )  # fmt: skip
 
 
-def network(name: str, it: Draw, model: str) -> Adds:
+def network(name: str, it: Draw, model: str, more: dict) -> Adds:
     """A network trained on the axis with the PID alone, along the reference."""
     own = declared(it)
     recording = recorded(alone(name, it), own, DELAY, RATE)
     with tempfile.TemporaryDirectory() as place:
         options = {"max_epochs": EPOCHS, "progress_bar": False, "accelerator": "cpu", "threads": 1}
-        run = fp.train(own, recording, model=model, folder=Path(place) / "run", check="warn", trainer=options)
+        run = fp.train(own, recording, model=model, folder=Path(place) / "run", check="warn", trainer=options, **more)
         trained, system, net = load_run(run.folder)
         portable = PortableModel.of(net, system, sampling_interval(trained, system))
     limit = config("estimator")["limit"] * dry_friction(it.model, it.believed)
@@ -87,53 +108,53 @@ def network(name: str, it: Draw, model: str) -> Adds:
     return NetworkFeedforward(portable, inertia=inertia, normal=1.0, interval=INTERVAL, limit=limit)
 
 
-def learned(chosen: dict) -> None:
+def learned(chosen: dict, kinds: Iterable[str] = tuple(AXES)) -> None:
     """Rms error of the online estimator's force and of networks, beside arms of the main table."""
-    arms: dict[str, str] = {arm: ARMS[arm] for arm in BESIDE}
-    arms |= {"online": "online estimator's force", **{key: f"network {key.upper()}" for key in NETWORKS}}
+    asked = [kind for kind in AXES if kind in kinds]
+    found = kept("learned", asked)
+    for name in asked:
+        it, found[name] = draw(name, AXES[name]), {}
+        for arm in _arms():
+            helper, row = _new(chosen, name, arm, it), {}
+            for motion in MOTIONS:
+                ((loop, _),) = runs = closed(name, motion, AXES[name], lambda _, helper=helper: helper, holds=0.0)
+                late = loop.t >= SKIPPED
+                true, added = loop.friction[late], loop.added[late]
+                alike = float(np.corrcoef(added, true)[0, 1]) if added.any() else 0.0
+                row[motion] = [figures(runs)["rms"], alike, float(added @ true / (true @ true))]
+            found[name][arm] = row
+            print(name, arm, row, flush=True)
+        keep("learned", found, _table)
+
+
+def _arms() -> dict[str, str]:
+    named = {arm: ARMS[arm] for arm in BESIDE} | {"online": "online estimator's force"}
+    return named | {key: f"network {key}" for key in NETWORKS}
+
+
+def _table(found: dict) -> list[str]:
     lines = [
         "python benchmarks/compensation.py --learned",
-        f"rms error, seeds {SEEDS[0]} (no load) and {SEEDS[1]} (load): online estimator from parameters believed 20 %",
-        f"wrong; networks of {EPOCHS} epochs on 12 s of the axis with the PID alone at {RATE:g} Hz",
+        "rms error; online estimator from parameters believed 20 % wrong; networks of "
+        f"{EPOCHS} epochs on 12 s of the axis with",
+        f"the PID alone at {RATE:g} Hz; correlation and share: of what was added with the true friction",
     ]
-    won: dict[str, list[float]] = {arm: [] for arm in arms if arm != "none"}
-    for name in AXES:
+    for name, rows in found.items():
         factor, told = unit(name)
-        lines += ["", f"  {name + ', ' + told:<26}" + "".join(f"{text:>26}" for text in arms.values())]
-        makers: dict[int, dict[str, Callable[[Draw], Adds | None]]] = {seed: {} for seed in SEEDS}
-        for motion in MOTIONS:
-            for seed in SEEDS:
-                row = []
-                for arm in arms:
-                    make = makers[seed].setdefault(arm, _maker(chosen, name, arm))
-                    row.append(figures(closed(name, motion, seed, make))["rms"])
-                for arm, value in zip(arms, row, strict=True):
-                    if arm != "none":
-                        won[arm].append(value / row[0])
-                lines.append(f"    {motion + ', ' + str(seed):<24}" + "".join(f"{factor * v:>26.4g}" for v in row))
-                print(lines[-1], flush=True)
-    lines += ["", "rms error over that without compensation, median, lowest and highest of all rows"]
-    lines += [f"  {arms[arm]:<28}{np.median(v):>8.3f}{min(v):>8.3f}{max(v):>8.3f}" for arm, v in won.items()]
-    save("learned", lines)
-
-
-def _maker(chosen: dict, name: str, arm: str) -> Callable[[Draw], Adds | None]:
-    """Maker of an arm that is made once and used for every motion."""
-    logging.getLogger("lightning.pytorch").setLevel(logging.ERROR)
-    torch.set_num_threads(1)
-    kept: list[Adds | None] = []
-
-    def make(it: Draw) -> Adds | None:
-        if not kept:
-            kept.append(_new(chosen, name, arm, it))
-        return kept[0]
-
-    return make
+        head = "".join(f"{f'{motion}, {told}':>24}{'correlation':>13}{'share':>8}" for motion in MOTIONS)
+        loaded = ", load +50 %" if AXES[name] % 2 else ""
+        lines += ["", f"  {f'{name} {AXES[name]}{loaded}':<30}{head}"]
+        for arm, row in rows.items():
+            cells = "".join(f"{factor * rms:>24.4g}{alike:>13.2f}{share:>8.2f}" for rms, alike, share in row.values())
+            lines.append(f"    {_arms()[arm]:<28}{cells}")
+    return lines
 
 
 def _new(chosen: dict, name: str, arm: str, it: Draw) -> Adds | Compensator | None:
+    logging.getLogger("lightning.pytorch").setLevel(logging.ERROR)
+    torch.set_num_threads(1)
     if arm == "online":
         return online(name, it)
     if arm in NETWORKS:
-        return network(name, it, arm)
+        return network(name, it, *NETWORKS[arm])
     return compensator("none", it) if arm == "none" else made(chosen, name, arm)(it)

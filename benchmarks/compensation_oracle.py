@@ -9,13 +9,13 @@ gives a finer encoder to arm and oracle alike. Seeds are those on which arms are
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
 from compensation import CHOICES, DELAY, INTERVAL, REFERENCES, TUNING, closed, compensator, config, figures
 from compensation_plants import KINDS, Draw
-from compensation_report import save
+from compensation_report import keep, kept
 
 from frictionpinn.control import Compensator
 from frictionpinn.control.build import build_compensator
@@ -53,16 +53,10 @@ def finer(it: Draw) -> Draw:
     return replace(it, plant=replace(it.plant, resolution=it.plant.resolution / FINER))
 
 
-def oracle(chosen: dict) -> None:
+def oracle(chosen: dict, kinds: Iterable[str] = tuple(KINDS)) -> None:
     """Rms error of every rung relative to the oracle's, medians over seeds."""
-    width, columns = 34, list(REFERENCES)
-    lines = [
-        "python benchmarks/compensation.py --oracle",
-        f"our estimator's rms error over the oracle's, medians over seeds {TUNING[0]} to {TUNING[-1]}; each row",
-        f"gives it one piece of what the oracle knows; wanted: at most {WITHIN:g}",
-    ]
-    counts = dict.fromkeys([*RUNGS, "bandwidth twice as high", "finer encoder, both"], 0)
-    for name in KINDS:
+    found = kept("oracle", kinds)
+    for name in kinds:
         chosen_here = {CHOICES["estimator"][0]: chosen[name]["estimator"]}
         wide = {key: 2 * value for key, value in chosen_here.items()}
         base = {motion: _rms(name, motion, lambda it: compensator("oracle", it)) for motion in REFERENCES}
@@ -72,15 +66,26 @@ def oracle(chosen: dict) -> None:
             rows[title] = [_ratio(name, m, _maker(knows, chosen_here), base[m]) for m in REFERENCES]
         rows["bandwidth twice as high"] = [_ratio(name, m, _maker((), wide), base[m]) for m in REFERENCES]
         rows["finer encoder, both"] = [_ratio(name, m, _maker((), chosen_here), fine[m], finer) for m in REFERENCES]
-        lines += ["", f"  {name:<{width}}" + "".join(f"{text:>16}" for text in columns)]
+        found[name] = rows
+        keep("oracle", found, _table)
+
+
+def _table(found: dict) -> list[str]:
+    width = 34
+    lines = [
+        "python benchmarks/compensation.py --oracle",
+        f"our estimator's rms error over the oracle's, medians over seeds {TUNING[0]} to {TUNING[-1]}; each row",
+        f"gives it one piece of what the oracle knows; wanted: at most {WITHIN:g}",
+    ]
+    for name, rows in found.items():
+        lines += ["", f"  {name:<{width}}" + "".join(f"{text:>16}" for text in REFERENCES)]
         for title, cells in rows.items():
-            counts[title] += sum(cell <= WITHIN for cell in cells)
             lines.append(f"    {title:<{width - 2}}" + "".join(f"{cell:>16.2f}" for cell in cells))
-        print("\n".join(lines[-len(rows) - 1 :]), flush=True)
-    n = len(KINDS) * len(REFERENCES)
-    lines += ["", f"settings within {WITHIN:g} times the oracle's, of {n}"]
-    lines += [f"    {title:<{width - 2}}{count:>4}" for title, count in counts.items()]
-    save("oracle", lines)
+    lines += ["", f"settings within {WITHIN:g} times the oracle's, of {len(found) * len(REFERENCES)}"]
+    for title in next(iter(found.values())):
+        count = sum(cell <= WITHIN for rows in found.values() for cell in rows[title])
+        lines.append(f"    {title:<{width - 2}}{count:>4}")
+    return lines
 
 
 def _maker(knows: tuple[str, ...], options: dict[str, float]) -> Callable[[Draw], Compensator | None]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import gc
+import os
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from compensation import (
     made,
 )
 from compensation_plants import KINDS, LOAD, Draw, draw
-from compensation_report import save
+from compensation_report import keep, kept, save
 
 from frictionpinn.control import Compensator, reference
 from frictionpinn.export.compensator import write_compensator_c
@@ -48,44 +49,56 @@ def unstable(found: list) -> bool:
     return any(limit_cycle(loop.position[loop.t >= MOVES + SETTLES], it.plant.resolution) for loop, it in found)
 
 
-def margins(chosen: dict) -> None:
+CASES = {  # arms that random axes are given
+    "no compensation": lambda chosen, name: default("none")(name),
+    "our estimator, default": lambda chosen, name: default("estimator")(name),
+    "our estimator, bandwidth as tuned": lambda chosen, name: made(chosen, name, "estimator"),
+}
+
+
+def margins(chosen: dict, kinds: Iterable[str] = tuple(KINDS)) -> None:
     """Random axes under load at the default settings, and the largest over-compensation that a loop bears."""
+    found = kept("stability", kinds)
+    for name in kinds:
+        found[name] = {"cycles": {title: _cycles(arm(chosen, name), name) for title, arm in CASES.items()}}
+        found[name]["gains"] = {arm: _margin(chosen, name, arm) for arm in ARMS if arm != "none"}
+        keep("stability", found, _stability)
+
+
+def _cycles(make: Callable, name: str) -> list[str]:
+    """Random axes of a kind that have a limit cycle, with the motion."""
+    return [
+        f"{name} {seed}, {motion}"
+        for seed in range(RANDOM + 1, RANDOM + 1 + 2 * EACH, 2)  # odd seeds carry the load
+        for motion in STABILITY
+        if unstable(closed(name, motion, seed, make, holds=RESTS))
+    ]
+
+
+def _stability(found: dict) -> list[str]:
     lines = [
         "python benchmarks/compensation.py --margins",
         f"limit cycle: three turns or more by over three steps of the encoder in {RESTS:g} s at rest, or motion",
         f"against the reference in more than {100 * BACKWARDS:g} % of the samples later than {AFTER:g} s after a turn",
         "default: conf/control/estimator.yaml, and half of the first resonance where that is below its bandwidth",
         "",
-        f"{EACH * len(KINDS)} random axes ({EACH} of each kind, seeds from {RANDOM}), parameters 20 % wrong, "
+        f"{EACH * len(found)} random axes ({EACH} of each kind, seeds from {RANDOM}), parameters 20 % wrong, "
         f"load +{100 * (LOAD - 1):g} %: axes with a limit cycle",
     ]
-    cases = {
-        "no compensation": default("none"),
-        "our estimator, default": default("estimator"),
-        "our estimator, bandwidth as tuned": lambda name: made(chosen, name, "estimator"),
-    }
-    for title, arm in cases.items():
-        found = [
-            f"{name} {seed}, {motion}"
-            for name in KINDS
-            for seed in range(RANDOM + 1, RANDOM + 1 + 2 * EACH, 2)  # odd seeds carry the load
-            for motion in STABILITY
-            if unstable(closed(name, motion, seed, arm(name), holds=RESTS))
-        ]
-        axes = {text.partition(",")[0] for text in found}
-        told = f" ({'; '.join(found)})" if found else ""
-        lines.append(f"  {title:<40} {len(axes):>3} of {EACH * len(KINDS)}{told}")
-        save("stability", lines)
+    for title in CASES:
+        texts = [text for name in found for text in found[name]["cycles"][title]]
+        axes = {text.partition(",")[0] for text in texts}
+        told = f" ({'; '.join(texts)})" if texts else ""
+        lines.append(f"  {title:<40} {len(axes):>3} of {EACH * len(found)}{told}")
     lines += [
         "",
         f"largest gain of the added torque, of {', '.join(f'{g:g}' for g in GAINS)}, before a limit cycle on",
         f"{' or '.join(STABILITY)}; smallest of seeds {FIRST} and {FIRST + 1}, the latter with the load",
-        f"  {'':<34}" + "".join(f"{name:>10}" for name in KINDS),
+        f"  {'':<34}" + "".join(f"{name:>10}" for name in found),
     ]
-    for arm_name in [name for name in ARMS if name != "none"]:
-        cells = [f"{_margin(chosen, name, arm_name):>10}" for name in KINDS]
-        lines.append(f"  {ARMS[arm_name]:<34}" + "".join(cells))
-    save("stability", lines)
+    for arm in [name for name in ARMS if name != "none"]:
+        lines.append(f"  {ARMS[arm]:<34}" + "".join(f"{found[name]['gains'][arm]:>10}" for name in found))
+    return lines
 
 
 def default(arm: str) -> Callable[[str], Callable[[Draw], Compensator | None]]:
@@ -113,44 +126,62 @@ _CLOCKED = """#define _POSIX_C_SOURCE 199309L
 #include <time.h>
 #include "compensator.h"
 static compensator c;
-int main(void)
+int main(int count, char **words)
 {
+    const clockid_t clock = count > 1 && words[1][0] == 'c' ? CLOCK_PROCESS_CPUTIME_ID : CLOCK_MONOTONIC;
     double r[3], q, u, sum = 0.0;
     compensator_reset(&c);
     while (scanf("%lf %lf %lf %lf %lf", &r[0], &r[1], &r[2], &q, &u) == 5) {
-        struct timespec a, b;
-        clock_gettime(CLOCK_MONOTONIC, &a);
+        struct timespec a, b, d;
+        clock_gettime(clock, &a);
+        clock_gettime(clock, &b);
         sum += compensator_update(&c, r, q, u).torque;
-        clock_gettime(CLOCK_MONOTONIC, &b);
-        printf("%ld\\n", (b.tv_sec - a.tv_sec) * 1000000000L + b.tv_nsec - a.tv_nsec);
+        clock_gettime(clock, &d);
+        printf("%ld %ld\\n", (b.tv_sec - a.tv_sec) * 1000000000L + b.tv_nsec - a.tv_nsec,
+               (d.tv_sec - b.tv_sec) * 1000000000L + d.tv_nsec - b.tv_nsec);
     }
     return sum > 1e300;
 }
 """
+CYCLES, IN_PYTHON = 50_000, 10_000
+CLOCKS = {"wall": time.perf_counter, "cpu": time.process_time}
 
 
-def latency(chosen: dict) -> None:
+def latency(chosen: dict, kinds: Iterable[str] = ("drive", "joint")) -> None:
     """Time of one cycle on one core: the exported C, and Python."""
-    lines = ["python benchmarks/compensation.py --latency", "one cycle of 50000 on one core, microseconds", ""]
+    lines = [
+        "python benchmarks/compensation.py --latency",
+        f"one cycle of {CYCLES} ({IN_PYTHON} in Python) on one core, microseconds:",
+        "wall is the time that passed, cpu the process's own; each holds what 'clock' says that a reading of it takes;",
+        f"other programs ran beside it (load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores): "
+        "what wall has beyond cpu is theirs",
+        "",
+        f"  {'':<36}{'':<14}{'':<6}{'median':>10}{'99 %':>10}{'worst':>10}{'clock':>10}",
+    ]
     for name, arm in (("drive", "estimator"), ("joint", "estimator"), ("drive", "feedforward"),
                       ("drive", "disturbance_observer")):  # fmt: skip
+        if name not in kinds:
+            continue
         it = draw(name, FIRST)
         own = made(chosen, name, arm)(it)
         assert own is not None
-        t = np.arange(50_000) * INTERVAL
+        t = np.arange(CYCLES) * INTERVAL
         wanted = reference("sine", KINDS[name].amplitude, 2.0)(t)
         rng = np.random.default_rng(0)
         rows = np.column_stack(
             [wanted, wanted[:, 0] + it.plant.resolution * rng.normal(size=len(t)), rng.normal(size=len(t))]
         )
-        spent = {"C99 (cc -O2)": _in_c(own, rows), "Python": _in_python(own, rows)}
-        for kind, times in spent.items():
-            lines.append(f"  {name + ', ' + ARMS[arm]:<34} {kind:<14} median {np.median(times):8.2f}  "
-                         f"99 % {np.quantile(times, 0.99):8.2f}  worst {times.max():8.2f}")  # fmt: skip
+        for kind, spent in {"C99 (cc -O2)": _in_c(own, rows), "Python": _in_python(own, rows[:IN_PYTHON])}.items():
+            for clock, (empty, times) in spent.items():
+                told = (np.median(times), np.quantile(times, 0.99), times.max(), np.median(empty))
+                lines.append(
+                    f"  {name + ', ' + ARMS[arm]:<36}{kind:<14}{clock:<6}" + "".join(f"{v:>10.2f}" for v in told)
+                )
     save("latency", lines)
 
 
-def _in_c(own, rows: np.ndarray) -> np.ndarray:
+def _in_c(own, rows: np.ndarray) -> dict[str, np.ndarray]:
+    """Microseconds of nothing and of a cycle by clock, shape (2, n)."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         write_compensator_c(folder, own)
@@ -159,19 +190,25 @@ def _in_c(own, rows: np.ndarray) -> np.ndarray:
         files = [folder / "main.c", folder / "compensator.c"]
         subprocess.run(["cc", "-std=c99", "-O2", "-o", program, *files, "-lm"], check=True)
         text = "\n".join(" ".join(map(repr, row)) for row in rows.tolist())
-        said = subprocess.run([program], input=text, capture_output=True, text=True, check=True).stdout
-    return np.array(said.split(), dtype=float)[1:] / 1e3
+        spent = {}
+        for clock in CLOCKS:
+            said = subprocess.run([program, clock], input=text, capture_output=True, text=True, check=True).stdout
+            spent[clock] = np.array(said.split(), dtype=float).reshape(-1, 2)[1:].T / 1e3
+    return spent
 
 
-def _in_python(own, rows: np.ndarray) -> np.ndarray:
-    spent = np.zeros(len(rows))
-    own.reset()
-    own.update(rows[0, :3], rows[0, 3], rows[0, 4])
-    own.reset()
-    gc.disable()
-    for k, row in enumerate(rows):
-        begun = time.perf_counter()
-        own.update(row[:3], row[3], row[4])
-        spent[k] = time.perf_counter() - begun
-    gc.enable()
-    return 1e6 * spent[1:]
+def _in_python(own, rows: np.ndarray) -> dict[str, np.ndarray]:
+    """The same in Python."""
+    own.update(rows[0, :3], rows[0, 3], rows[0, 4])  # compiles
+    found = {}
+    for clock, now in CLOCKS.items():
+        spent = np.zeros((2, len(rows)))
+        own.reset()
+        gc.disable()
+        for k, row in enumerate(rows):
+            before, begun = now(), now()
+            own.update(row[:3], row[3], row[4])
+            spent[:, k] = begun - before, now() - begun
+        gc.enable()
+        found[clock] = 1e6 * spent[:, 1:]
+    return found

@@ -48,16 +48,17 @@ class Kind:
     resonance: float = np.inf  # Hz, the first
 
 
+# The axis points to -y, so that theta counts upwards from level, as in the joint.
 _ARM = """<mujoco model="arm behind an elastic gear">
   <compiler angle="radian"/>
   <option timestep="{timestep!r}" gravity="0 0 -9.81" integrator="implicitfast"/>
   <worldbody>
     <body name="motor">
-      <joint name="motor" type="hinge" axis="0 1 0" armature="{motor!r}"/>
+      <joint name="motor" type="hinge" axis="0 -1 0" armature="{motor!r}"/>
       <inertial pos="0 0 0" mass="1e-3" diaginertia="1e-7 1e-7 1e-7"/>
     </body>
     <body name="link">
-      <joint name="link" type="hinge" axis="0 1 0"/>
+      <joint name="link" type="hinge" axis="0 -1 0"/>
       <inertial pos="{lever!r} 0 0" mass="{mass!r}" diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>
     </body>
   </worldbody>

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+from collections.abc import Callable, Iterable
 from textwrap import fill
 
 import numpy as np
@@ -57,7 +58,7 @@ def text(result: dict, chosen: dict) -> str:
     """The whole result for a terminal."""
     table, (low, high) = result["table"], result["seeds"]
     lines = [
-        f"{COMMAND}: seeds {low} to {high}, {result['seconds']} s on one core; medians, in brackets the quartiles",
+        f"{COMMAND}: seeds {low} to {high}; medians, in brackets the quartiles",
         f"errors from {SKIPPED:g} to {MOVES:g} s of the motion; parameters believed 20 % wrong, odd seeds with "
         "50 % more load",
         "",
@@ -199,3 +200,17 @@ def save(name: str, lines: list[str]) -> None:
     text = "\n".join(lines) + "\n"
     (RESULTS / f"compensation_{name}.txt").write_text(text, encoding="utf-8")
     print(text)
+
+
+def kept(name: str, kinds: Iterable[str]) -> dict:
+    """What a part measured before of the kinds that are not measured now, by kind."""
+    file = RESULTS / f"compensation_{name}.json"
+    before = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    return {kind: found for kind, found in before.items() if kind not in kinds}
+
+
+def keep(name: str, found: dict, table: Callable[[dict], list[str]]) -> None:
+    """Write what a part measured, by kind in their order, and its table."""
+    whole = {kind: found[kind] for kind in KINDS if kind in found}
+    (RESULTS / f"compensation_{name}.json").write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
+    save(name, table(whole))

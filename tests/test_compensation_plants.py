@@ -41,3 +41,14 @@ def test_a_trolley_in_mujoco_whose_pole_hangs_still_moves_as_the_drive_of_our_si
     ours, foreign = (loop.error[50:] for loop in loops)
     assert np.std(foreign - ours) < 0.05 * np.std(ours)
     assert np.std(loops[1].friction - loops[0].friction) < 0.05 * np.std(loops[0].friction)
+
+
+def test_an_arm_behind_an_elastic_gear_takes_the_torque_of_the_joint_of_our_simulator_gravity_included():
+    it = draw("arm", 0, load=1.0)
+    own = replace(it.plant, foreign=None)
+    gains = tuned(own.parameters["J"], loop_dead_time(1.5e-3, 1e-3), limit=own.limit)
+    slow = reference("sine", 0.2, 4.0)  # slow enough that the gear's spring does not ring
+    loops = [close(plant, gains, slow, 4.0, None, (it.model, it.believed), delay=1.5e-3) for plant in (own, it.plant)]
+    ours, foreign = (loop.torque[500:] for loop in loops)
+    # where friction turns over, the gear's spring winds up first: the median leaves that out
+    assert np.median(np.abs(foreign - ours)) < 0.05 * own.parameters["W_cos"]

@@ -78,6 +78,10 @@ class EstimatorFeedback:
 class NetworkFeedforward:
     """The friction force of a trained network along the reference.
 
+    A network should see the motion alone (bb1, pe1, or others with ``model.inputs=[v_slip,normal_force]``). The
+    frictionless acceleration a + F / m of bb2 and pe2 is measured in a recording; ahead of the motion it is known only
+    with the force that the network gave in the cycle before, so what it learned from it comes back to it.
+
     Args:
         portable: a trained model of one axis whose slip is its coordinate.
         inertia: kg or kg m^2, with which a network that sees the frictionless acceleration is shown it.

@@ -240,8 +240,10 @@ def close(
     check_axis(plant.mechanism)
     part = interval / PARTS
     late = round(plant.delay / part)
-    if abs(late * part - plant.delay) > 1e-9:
-        raise UserError("impossible delay", where="delay", received=plant.delay, allowed=f"multiples of {part:g} s")
+    if plant.delay < 0 or abs(late * part - plant.delay) > 1e-9:
+        raise UserError(
+            "impossible delay", where="delay", received=plant.delay, allowed=f"0 and multiples of {part:g} s"
+        )
     kernels = Kernels(plant.mechanism)
     n_s, n_w, _, _ = kernels.sizes
     n = round(duration / interval)

@@ -17,6 +17,7 @@ from ..control.compensator import check_axis, completed
 from ..control.pid import loop_dead_time
 from ..control.record import recorded
 from ..control.recursions import inertia
+from ..control.references import Reference
 from ..data.recording import Recording
 from ..errors import UserError, choose
 from ..evaluate.style import INK, readable
@@ -50,17 +51,21 @@ def compensate(cfg: Config, folder: Path) -> dict[str, Any]:
     declared = Mechanism(system, choose(cfg["friction"]["name"], LAWS, "friction")())
     check_axis(declared)
     plant, loop = _plant(cfg, declared), cfg["loop"]
+    own = {"interval": loop["interval"], "delay": loop["delay"]}
+    sensed = own | {"resolution": cfg["machine"]["resolution"]}
+    # before minutes are spent on it: motions and compensator are possible, whatever the parameters will be
+    motions = _motions(cfg["follow"]["motions"], "follow.motions")
+    trials = _motions(cfg["record"]["trials"], "record.trials")
+    build_compensator(cfg["control"], declared, completed(declared, {}), **sensed)
     gains = _gains(plant, declared, loop)
     log.info(f"PID: kp {gains.kp:.4g}, ki {gains.ki:.4g}, kd {gains.kd:.4g}")
-    trials = {str(k + 1): item for k, item in enumerate(cfg["record"]["trials"])}
-    own = {"interval": loop["interval"], "delay": loop["delay"]}
     alone = {
-        name: close(plant, gains, reference(**item), cfg["record"]["duration"], None, (declared, {}), **own)
-        for name, item in trials.items()
+        str(k + 1): close(plant, gains, path, cfg["record"]["duration"], None, (declared, {}), **own)
+        for k, (_, path) in enumerate(trials)
     }
     recording = recorded(alone, declared, loop["delay"], cfg["record"]["rate_hz"])
     mechanism, values, verdict = identified(declared, recording, folder, **cfg["diagnose"])
-    helper = build_compensator(cfg["control"], mechanism, values, **own, resolution=cfg["machine"]["resolution"])
+    helper = build_compensator(cfg["control"], mechanism, values, **sensed)
     files: list[str] = []
     folder.mkdir(parents=True, exist_ok=True)
     if helper is not None:
@@ -68,10 +73,10 @@ def compensate(cfg: Config, folder: Path) -> dict[str, Any]:
 
         files = write_compensator_c(folder, helper)
     runs = []
-    for item in cfg["follow"]["motions"]:
-        path, duration, model = reference(**item), cfg["follow"]["duration"], (mechanism, values)
+    for name, path in motions:
+        duration, model = cfg["follow"]["duration"], (mechanism, values)
         before = close(plant, gains, path, duration, None, (declared, {}), **own)
-        runs.append((item["name"], before, close(plant, gains, path, duration, helper, model, **own)))
+        runs.append((name, before, close(plant, gains, path, duration, helper, model, **own)))
     result = {
         "verdict": verdict,
         "mechanism": mechanism.name,
@@ -91,6 +96,19 @@ def compensate(cfg: Config, folder: Path) -> dict[str, Any]:
                  f"{_told(row['after'], result['unit'])} after, {_lower(row)}")  # fmt: skip
     log.info(f"report.html, result.json {' '.join(files)} are in {folder}")
     return result
+
+
+def _motions(items: Sequence[Mapping[str, Any]] | None, where: str) -> list[tuple[str, Reference]]:
+    """Motions of the configuration, with their names."""
+    allowed = "name, amplitude (unit of position) and period (s); phase (rad) of a sine"
+    if not items:
+        raise UserError("no motions", where=where, received=items, allowed=f"a list of motions, each with {allowed}")
+    for item in items:
+        given = set(item) if isinstance(item, Mapping) else set()
+        needed = {"name", "amplitude", "period"}
+        if not needed <= given <= needed | ({"phase"} if given and item.get("name") == "sine" else set()):
+            raise UserError("no motion", where=where, received=item, allowed=allowed)
+    return [(str(item["name"]), reference(**item)) for item in items]
 
 
 def _plant(cfg: Config, declared: Mechanism) -> Plant:

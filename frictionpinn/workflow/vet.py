@@ -66,7 +66,7 @@ def assumptions(system: System, recording: Recording, free: Collection[str] = ()
     known = [(par.name, system.values[par.name], readable_unit(par.unit)) for par in system.parameters]
     values = [f"{name} = {value:g} {unit}" for name, value, unit in known if name not in free]
     lines = [f"assumed: {', '.join(values)} (system.parameters)"] if values else []
-    if system.values.get("preload") == 1.0:
+    if system.values.get("preload") == 1.0 and "preload" not in free:
         lines[-1] += f"; mu_c and mu_s read in {readable_unit(system.force_unit)}: the preload is 1"
     lines += list(recording.notes) or [f"signals used: {', '.join(n for n in system.signal_units if n in present)}"]
     derived = [n for c in system.moving for n in c.signals if n and n not in present]

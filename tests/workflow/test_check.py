@@ -14,6 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from wrong_log_kinds import measured_folder
 
 from frictionpinn.data.noise import GaussianNoise
+from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.errors import UserError
 from frictionpinn.export.augmented import data_of
@@ -26,7 +27,7 @@ from frictionpinn.workflow.diagnose import checked
 from frictionpinn.workflow.estimate import default_config
 from frictionpinn.workflow.result import doubts
 from frictionpinn.workflow.train import train
-from frictionpinn.workflow.vet import measured_well, vet
+from frictionpinn.workflow.vet import assumptions, measured_well, vet
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "examples" / "swing.csv"
@@ -215,3 +216,12 @@ def test_findings_of_public_sets_are_none(caplog):
     with caplog.at_level("WARNING"):
         vet(cfg, build_system(cfg["system"]), recording)
     assert caplog.text == ""
+
+
+def test_where_every_parameter_of_a_system_is_estimated_none_is_told_as_assumed():
+    t = np.linspace(0.0, 1.0, 101)
+    signals = {"x": np.sin(t), "force": np.cos(t)}
+    recording = Recording((Trial("1", t, signals),), {"x": "m", "force": "N"})
+    system = SYSTEMS["drive"]()
+    assert "preload is 1" in assumptions(system, recording, ["M"])[0]
+    assert not any("assumed" in line for line in assumptions(system, recording, ["M", "preload"]))

@@ -37,6 +37,11 @@ def test_an_axis_is_identified_and_tracks_better_and_the_compensator_is_there_as
     [
         ("system=pob", "drive, joint, pendulum"),
         ("machine.delay=1.2e-3", "multiples of 0.0005 s"),
+        ("machine.delay=-1.0e-3", "multiples of 0.0005 s"),
+        ("control.limit=-1", "limit is -1"),
+        ("record.trials=[]", "record.trials is []"),
+        ("follow.motions=[]", "follow.motions is []"),
+        ("follow.motions=[{name: sine, amplitud: 1.0, period: 1.0}]", "amplitude (unit of position)"),
         ("machine.effects={asymetry: {asymmetry: 0.1}}", "did you mean 'asymmetry'"),
         ("machine.effects={asymmetry: {asymetry: 0.1}}", "machine.asymetry"),
         ("record.rate_hz=1e5", "rate_hz"),
