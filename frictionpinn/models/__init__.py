@@ -21,4 +21,13 @@ def rebuilt(hparams: Mapping[str, Any]) -> FrictionModel:
     return kind(**hparams)
 
 
-__all__ = ["MODELS", "BlackBox", "Features", "FrictionEnsemble", "FrictionModel", "ParameterEstimator", "SeveralContacts", "rebuilt"]
+__all__ = [
+    "MODELS",
+    "BlackBox",
+    "Features",
+    "FrictionEnsemble",
+    "FrictionModel",
+    "ParameterEstimator",
+    "SeveralContacts",
+    "rebuilt",
+]

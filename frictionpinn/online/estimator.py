@@ -310,7 +310,7 @@ class OnlineEstimator:
         return y
 
     def filter(self, trial: Trial) -> dict[str, np.ndarray]:
-        """Run over a trial from a fresh start, causally.
+        """Run over a trial from a fresh start, causally; an input that it has not is 0 throughout.
 
         Returns:
             force, low, high and std of the friction force, shape (n,); ``consistent``, whether the samples were as
@@ -319,10 +319,13 @@ class OnlineEstimator:
         """
         self.reset()
         self._place(trial.session)
-        Y = np.full((len(trial.t), len(self.signals)), np.nan)
+        system, Y = self.mechanism.system, np.full((len(trial.t), len(self.signals)), np.nan)
+        inputs = [] if system.massless else [item.name for item in system.inputs]
         for k, name in enumerate(self.signals):
             if name in trial.signals:
                 Y[:, k] = trial.signals[name]
+            elif name in inputs:  # none was applied
+                Y[:, k] = 0.0
         self._time = float(trial.t[0])
         self._start(Y[0])
         loglik, forces, variances, squares, freedoms, states = _recursions().run(
