@@ -37,16 +37,8 @@ def untold(system: System, contacts: Sequence[str]) -> list[str]:
     return [name for k, name in enumerate(contacts) if any(vector[k] != 0 for vector in null)]
 
 
-def forces_implied(system: System, contacts: Sequence[str]) -> dict[str, sp.Expr]:
-    """The friction force of each contact that the motion implies: the least-squares solution of the balance.
-
-    Args:
-        system: with all its contacts.
-        contacts: names of those that have friction; the others have none.
-
-    Raises:
-        UserError: the balance does not tell the forces apart, at no instant of any motion.
-    """
+def check_told(system: System, contacts: Sequence[str]) -> None:
+    """Raise :class:`UserError` where the balance does not tell the forces apart, at no instant of any motion."""
     lost = untold(system, contacts)
     if lost:
         raise UserError(
@@ -58,6 +50,19 @@ def forces_implied(system: System, contacts: Sequence[str]) -> dict[str, sp.Expr
             fix=f"say friction.{lost[-1]}=none if it has none, system.driven=[] if the inputs were recorded, or "
             "simulate instead: identify.py methods=[maximum_likelihood], diagnose.py",
         )
+
+
+def forces_implied(system: System, contacts: Sequence[str]) -> dict[str, sp.Expr]:
+    """The friction force of each contact that the motion implies: the least-squares solution of the balance.
+
+    Args:
+        system: with all its contacts.
+        contacts: names of those that have friction; the others have none.
+
+    Raises:
+        UserError: see :func:`check_told`.
+    """
+    check_told(system, contacts)
     J, E = balance(system, contacts)
     J.simplify()
     implied = -(J.T * J).inv() * J.T * E

@@ -16,6 +16,7 @@ from ..models.start import complete, data_scales
 from ..physics import LAWS, FrictionLaw, System
 from ..physics.base import contact_of, plain_name
 from ..physics.contacts import ContactLaws
+from ..physics.force_balance import check_told
 from .build import (
     Config,
     at_one_rate,
@@ -51,7 +52,7 @@ def frictional(cfg: Config, system: System) -> list[str] | None:
     """Names of the contacts that are not declared frictionless; None where the system has one contact.
 
     Raises:
-        UserError: there is none.
+        UserError: there is none, or the equations of motion do not tell their friction forces apart.
     """
     if len(system.contacts) == 1:
         return None
@@ -61,6 +62,7 @@ def frictional(cfg: Config, system: System) -> list[str] | None:
     if not found:
         raise UserError("no contact with friction", where="friction", received="none everywhere",
                         allowed="a law for one of " + ", ".join(law.laws))  # fmt: skip
+    check_told(system, found)
     return found
 
 
