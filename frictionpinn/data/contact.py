@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +58,7 @@ class ContactTrial:
     def _views(self) -> dict[str, ContactTrial]:
         views = {"": self} if self.contacts == ("",) else {}
         for contact in filter(None, self.contacts):
-            own = {
+            own: dict[str, Any] = {
                 key: {plain_name(name): x for name, x in getattr(self, key).items() if contact_of(name) == contact}
                 for key in ("offline", "online", "rates", "truth")
             }

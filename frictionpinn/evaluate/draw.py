@@ -38,9 +38,9 @@ def draw(
             drawn[f"trajectory_{k + 1}_{contact}".rstrip("_")] = trajectory_figure(
                 own, table, runs[own.name], result["errors"][own.name]
             )
-    for contact, own in surfaces.items():
+    for contact, maps in surfaces.items():
         told = result["characteristics"][contact] if contact else result["characteristics"]
-        drawn[f"characteristics_{contact}".rstrip("_")] = characteristics_figure(own, told, contact)
+        drawn[f"characteristics_{contact}".rstrip("_")] = characteristics_figure(maps, told, contact)
     paths = []
     for name, figure in drawn.items():
         paths.append(folder / f"{name}.png")

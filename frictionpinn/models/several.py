@@ -93,7 +93,7 @@ class SeveralContacts(FrictionModel):
 
     def predict(self, batch: Batch) -> dict[str, Tensor]:
         """What every map says of a batch, ``hinge.force``, each of shape (n, 1)."""
-        found = {}
+        found: dict[str, Tensor] = {}
         for contact in self.contacts:
             told = self.map_of(contact).predict(self.of_contact(batch, contact))
             found |= {at_contact(contact, name): value for name, value in told.items()}

@@ -288,10 +288,10 @@ class OnlineEstimator:
         told = STATUS[status]
         if not self._consistency.add(self._time, square, freedom) and told == "ok":
             told = "inconsistent"
-        found: tuple[Any, ...] = (forces, forces - reach, forces + reach)
-        if len(forces) == 1:
-            found = tuple(float(values[0]) for values in found)
-        return Reading(self._time, *found, told, self.contacts)
+        force, low, high = (
+            float(values[0]) if len(values) == 1 else values for values in (forces, forces - reach, forces + reach)
+        )
+        return Reading(self._time, force, low, high, told, self.contacts)
 
     def _sample(self, signals: Mapping[str, float]) -> np.ndarray:
         y = np.full(len(self.signals), np.nan)

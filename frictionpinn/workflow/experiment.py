@@ -113,7 +113,11 @@ def _map(cfg: Config, system: System, contact: str, train: Sequence[ContactTrial
         saved = folded(cfg["system"]["augmented"])[1]
         wanted = {name: saved.get(name) if wanted.get(name) is None else wanted[name] for name in wanted}
     start, bounds = complete(law, wanted, tables["bounds"], scales)
-    plain = {"name": law.name, "start": start, "bounds": {key: list(value) for key, value in bounds.items()}}
+    plain: dict[str, Any] = {
+        "name": law.name,
+        "start": start,
+        "bounds": {key: list(value) for key, value in bounds.items()},
+    }
     plain |= {
         "fixed": {key: value for key, value in tables["fixed"].items() if value is not None},
         "tie_sigma1": bool(friction.get("tie_sigma1", False)),

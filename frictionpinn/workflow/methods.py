@@ -42,13 +42,13 @@ def build_methods(
     """
     train, recording = data.select("train"), local.recording.select(local.splits["train"])
     if model.contacts != ("",):
-        found = candidates_at_contacts(model, system, train)
+        at_contacts = candidates_at_contacts(model, system, train)
         seen = observers_at_contacts(system, recording, _known(cfg, trained, away, home, system, model, data))
-        for contact, table in found.items():
+        for contact, table in at_contacts.items():
             table |= seen[contact]
             if trained["data"]["name"] != "simulated":
                 del table["force_balance"]  # it is what the others are compared with
-        return found
+        return at_contacts
     in_motion = load_in_motion(cfg["run"], model)
     found = candidates(model, system, train, int(cfg["substeps"]), cfg.get("integrator"), in_motion)
     if applies(system, model):

@@ -195,7 +195,8 @@ def figures(
         ),
         "residuals": residuals(trials, predicted, unit, f"{title}: what the Coulomb + viscous fit and the model leave"),
     }
-    surface = characteristics(model, system, train, *truth, GRID)
+    law, values = truth
+    surface = characteristics(model, system, train, law, values, GRID)
     units = {"unit": system.force_unit, "v_slip": {"unit": f"{system.slip_unit}/s"}}
     units["normal_force"] = {"unit": system.force_unit}
     drawn["characteristics"] = characteristics_figure({name: surface}, units)

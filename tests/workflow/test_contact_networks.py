@@ -168,6 +168,6 @@ def test_networks_are_an_estimator_of_the_parameters_of_all_contacts():
     cfg = composed("train", [*SMALL, "system=cartpole", "data.training_trials=null"])
     mechanism = Mechanism(SYSTEMS["cartpole"](), law_named({"rail": "lugre", "bearing": "dahl"}, "friction"))
     recording = build_recording(cfg["data"], mechanism.system)
-    found = estimate(mechanism, recording.select(["1", "2"]), "pe1", seed=0, epochs=2)
+    found = estimate("pe1", mechanism, recording.select(["1", "2"]), seed=0, epochs=2)
     assert {"rail.mu_s", "rail.mu_c", "bearing.mu_c"} <= set(found.names) and "bearing.mu_s" not in found.names
     assert found.units["bearing.sigma_0"] == "N*m/rad"
