@@ -18,6 +18,7 @@ from ..show import Shown, Table, interval, readable_unit
 from ..workflow import evaluate as evaluation
 from ..workflow import export as handing_on
 from ..workflow.configs import CONF, Configs, quote, with_extensions, written
+from ..workflow.contact_options import options_of
 from ..workflow.options import composed
 from ..workflow.train import train as run_training
 
@@ -232,8 +233,9 @@ def _declared(mechanism: Mechanism) -> list[str]:
     system = mechanism.system
     values = [f"system.parameters.{name}={value!r}" for name, value in system.values.items()]
     imposed = ["++system.imposed=true"] if system.imposed else []
-    return [f"system={system.name}", f"friction={mechanism.law.name}", f"system.equations={system.equations}",
-            *values, *imposed]  # fmt: skip
+    driven = [f"system.driven={list(system.driven)}"] if system.driven != type(system).driven else []
+    return [f"system={system.name}", *options_of(mechanism.law), f"system.equations={system.equations}",
+            *values, *imposed, *driven]  # fmt: skip
 
 
 def _new_folder(overrides: list[str], config_dir: str | Path | None) -> Path:

@@ -1,15 +1,19 @@
-"""From recordings to what a friction model sees: the signals of the contact, two-sided and causal."""
+"""From recordings to what a friction model sees: the signals of the contacts, two-sided and causal."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from ..errors import UserError
 from ..numerics.smoothing import Signal, Smoother
-from ..numerics.torch_functions import contact_signals
+from ..numerics.torch_functions import balance_slopes, contact_signals
 from ..physics import System
+from ..physics.base import at_contact, contact_of, plain_name
 from .recording import Recording, Trial
 
 BASE = ("v_slip", "normal_force", "a_frictionless")
@@ -18,6 +22,9 @@ BASE = ("v_slip", "normal_force", "a_frictionless")
 @dataclass(frozen=True)
 class ContactTrial:
     """The contact of one trial; every array has shape (n,) and SI units.
+
+    With several contacts the names of the first four tables carry the contact's, ``hinge.v_slip``; :meth:`at` gives
+    what one of them is, with plain names.
 
     Attributes:
         offline: v_slip, normal_force, a_slip, a_frictionless, friction_force (implied by the equation of motion),
@@ -28,6 +35,8 @@ class ContactTrial:
         measured: the recorded signals as they are.
         smoothed: the recorded signals smoothed in both directions, what was not measured derived.
         filtered: the same, filtered causally.
+        contacts: names of the contacts with friction; one without a name where the system has no other.
+        slopes: J along the smoothed motion, shape (n, equations, contacts), see :func:`balance_slopes`; of several.
     """
 
     name: str
@@ -39,32 +48,69 @@ class ContactTrial:
     measured: dict[str, np.ndarray] = field(default_factory=dict)
     smoothed: dict[str, np.ndarray] = field(default_factory=dict)
     filtered: dict[str, np.ndarray] = field(default_factory=dict)
+    contacts: tuple[str, ...] = ("",)
+    slopes: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.t)
 
+    @cached_property
+    def _views(self) -> dict[str, ContactTrial]:
+        views = {"": self} if self.contacts == ("",) else {}
+        for contact in filter(None, self.contacts):
+            own: dict[str, Any] = {
+                key: {plain_name(name): x for name, x in getattr(self, key).items() if contact_of(name) == contact}
+                for key in ("offline", "online", "rates", "truth")
+            }
+            views[contact] = replace(self, **own, contacts=("",), slopes=None)
+        return views
+
+    def at(self, contact: str) -> ContactTrial:
+        """The trial as one contact sees it.
+
+        Raises:
+            UserError: it has no such contact, or none with friction.
+        """
+        if contact not in self._views:
+            raise UserError("unknown contact", where="contact", received=contact, allowed=", ".join(self._views))
+        return self._views[contact]
+
 
 def contact_trials(
-    recording: Recording, system: System, offline: Smoother, online: Smoother, fit_on: Iterable[str]
+    recording: Recording,
+    system: System,
+    offline: Smoother,
+    online: Smoother,
+    fit_on: Iterable[str],
+    contacts: Iterable[str] | None = None,
 ) -> list[ContactTrial]:
-    """Smooth every coordinate, offline and causally, and derive the signals of the contact.
+    """Smooth every coordinate, offline and causally, and derive the signals of the contacts.
 
     Args:
         recording: measured signals in SI units; velocities and accelerations may be missing.
         system: gives coordinates and equations.
         offline, online: smoothers (see :mod:`frictionpinn.numerics.smoothing`); their free parameters are found on
             the trials named in ``fit_on`` only, so that held-out trials stay unseen.
+        contacts: names of the contacts with friction; None: all.
+
+    Raises:
+        UserError: the equations of motion do not tell the friction forces of these contacts apart.
     """
     names = {str(name) for name in fit_on}
+    own = tuple(contact.name for contact in system.contacts) if contacts is None else tuple(contacts)
+    several = len(system.contacts) > 1
     fitting = [trial for trial in recording.trials if trial.name in names]
     smoothed = [smooth_trials(recording, fitting, system, method) for method in (offline, online)]
     trials = []
     for trial, two_sided, causal in zip(recording.trials, *smoothed, strict=True):
-        on = contact_signals(system, causal)
-        rates = {name: backward_difference(trial.t, on[name]) for name in BASE}
-        rates["v_slip"] = on["a_slip"]
-        off = contact_signals(system, two_sided)
-        trials.append(ContactTrial(trial.name, trial.t, off, on, rates, trial.truth, trial.signals, two_sided, causal))
+        on, off = (contact_signals(system, signals, own) for signals in (causal, two_sided))
+        rates = {name: backward_difference(trial.t, on[name]) for name in on if plain_name(name) in BASE}
+        for contact in own if several else ("",):
+            rates[at_contact(contact, "v_slip")] = on[at_contact(contact, "a_slip")]
+        made = ContactTrial(trial.name, trial.t, off, on, rates, trial.truth, trial.signals, two_sided, causal)
+        if several:
+            made = replace(made, contacts=own, slopes=balance_slopes(system, two_sided, own))
+        trials.append(made)
     return trials
 
 

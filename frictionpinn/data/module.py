@@ -63,10 +63,8 @@ class TrajectoryData(L.LightningDataModule):
 
     def prepare_for(self, model) -> None:
         """Compute the model's batches once, and standardise its inputs by the training trials."""
-        from ..models.base import tensors
-
         for split in ("train", "validation"):
-            arrays = [tensors(trial, model.features, "offline") for trial in self.select(split)]
+            arrays = [model.arrays(trial, "offline") for trial in self.select(split)]
             if arrays:
                 joined = {key: np.concatenate([item[key] for item in arrays]) for key in arrays[0]}
                 self.batches[split] = {key: torch.from_numpy(values) for key, values in joined.items()}

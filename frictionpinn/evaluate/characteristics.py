@@ -72,7 +72,7 @@ def characteristics(
         N = N[:1]
     slip, load = (column.ravel() for column in np.meshgrid(v, N))
     truth = steady_force(law, parameters, slip, load) if law is not None else None
-    balanced = np.zeros(slip.shape) if truth is None else truth * mobility(system)
+    balanced = np.zeros(slip.shape) if truth is None else truth * mobility(system, train)
     force = WindowedForce(model, 1, 1.0)
     now, rest = dict(zip(BASE, (slip, load, balanced), strict=True)), dict.fromkeys(BASE, np.zeros(slip.shape))
     shape = (len(N), len(v))
@@ -80,10 +80,27 @@ def characteristics(
     return Characteristics(v, N, seen, None if truth is None else truth.reshape(shape))
 
 
-def mobility(system: System) -> float:
-    """Slip acceleration for a unit of force in the contact, where it does not depend on the motion; else 0."""
+def mobility(system: System, along: Sequence[ContactTrial] = ()) -> float:
+    """Slip acceleration for a unit of force in the contact, where it does not depend on the motion; else 0.
+
+    Of one of several contacts the mean of J M^-1 J^T over the trials ``along``, M the inertia of the free coordinates.
+    """
     if system.massless:
         return 0.0
+    if len(system.whole.contacts) > 1:
+        return _typical_mobility(system, along) if along else 0.0
     slope = -sp.diff(explicit_motion(system).slip_acceleration, FORCE)
     value = slope.subs({par.symbol: system.values[par.name] for par in system.parameters})
     return float(value) if value.is_number else 0.0
+
+
+def _typical_mobility(system: System, along: Sequence[ContactTrial]) -> float:
+    rows = sp.Matrix([system.residual(c) for c in system.free])
+    inertia = rows.jacobian([c.symbols[2] for c in system.free])
+    J = sp.Matrix([system.jacobian[c.name] for c in system.free])
+    motion = [(symbol, name) for c in system.moving for symbol, name in zip(c.symbols, c.signals, strict=True)]
+    symbols = [symbol for symbol, _ in motion] + [par.symbol for par in system.parameters]
+    function = numpy_function(symbols, (J.T * inertia.LUsolve(J))[0])
+    values = [system.values[par.name] for par in system.parameters]
+    found = [function(*(trial.smoothed[name] for _, name in motion), *values) for trial in along]
+    return float(np.mean(np.concatenate([np.atleast_1d(value) for value in found])))

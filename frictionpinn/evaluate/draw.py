@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..numerics.simulation import Simulation
-from ..physics import System
 from .characteristics import Characteristics
 from .picture import save_png
 from .style import INK, readable
@@ -25,19 +24,23 @@ _SHADES = {"online": "#8d99ae", "in_simulation": "#d1495b"}
 def draw(
     folder: Path,
     result: Mapping[str, Any],
-    system: System,
-    methods: Mapping[str, Candidate],
+    methods: Mapping[str, Mapping[str, Candidate]],
     trajectories: Sequence[Trajectory],
     runs: Mapping[str, Mapping[str, Simulation | str]],
-    surfaces: Mapping[str, Characteristics],
+    surfaces: Mapping[str, Mapping[str, Characteristics]],
 ) -> list[Path]:
-    """Write every figure as PNG; return the files in reading order."""
+    """Write every figure as PNG; return the files in reading order. ``methods`` and ``surfaces`` are by contact."""
     folder.mkdir(parents=True, exist_ok=True)
     drawn = {"errors": errors_figure(result)}
     for k, trajectory in enumerate(trajectories):
-        errors = result["errors"][trajectory.name]
-        drawn[f"trajectory_{k + 1}"] = trajectory_figure(trajectory, methods, runs[trajectory.name], errors)
-    drawn["characteristics"] = characteristics_figure(surfaces, result["characteristics"])
+        for contact, table in methods.items():
+            own = trajectory.at(contact)
+            drawn[f"trajectory_{k + 1}_{contact}".rstrip("_")] = trajectory_figure(
+                own, table, runs[own.name], result["errors"][own.name]
+            )
+    for contact, maps in surfaces.items():
+        told = result["characteristics"][contact] if contact else result["characteristics"]
+        drawn[f"characteristics_{contact}".rstrip("_")] = characteristics_figure(maps, told, contact)
     paths = []
     for name, figure in drawn.items():
         paths.append(folder / f"{name}.png")
@@ -53,7 +56,8 @@ def trajectory_figure(
 ) -> Figure:
     """Force online, force in simulation and, where a coordinate is free, its position: truth, model, yardstick."""
     system, clean, free = trajectory.system, trajectory.clean, trajectory.mechanism.free
-    rows = 3 if free else 2
+    moved = next((c for c in free if system.jacobian[c.name] != 0), next(iter(free), None))
+    rows = 3 if moved else 2
     figure = Figure(figsize=(9, 2.9 * rows), layout="constrained")
     axes = figure.subplots(rows, 1, sharex=True)
     unit, square = readable(system.force_unit), readable(errors["model"]["online"]["force_mse"]["unit"])
@@ -80,15 +84,15 @@ def trajectory_figure(
         run = runs[key]
         told = label(key, "in_simulation")
         axes[1].plot(*((run.t, run.F) if isinstance(run, Simulation) else ([], [])), color=color, zorder=z, label=told)
-        if free and isinstance(run, Simulation):
-            axes[2].plot(run.t, run.signals[free[0].signals[0]], color=color, zorder=z)
+        if moved and isinstance(run, Simulation):
+            axes[2].plot(run.t, run.signals[moved.signals[0]], color=color, zorder=z)
     span = float(np.ptp(trajectory.force)) or 1.0
     for axis, kind in zip(axes[:2], KINDS.values(), strict=True):
         axis.set(ylabel=f"friction force, {kind} ({unit})")
         axis.set_ylim(trajectory.force.min() - 0.25 * span, trajectory.force.max() + 0.55 * span)
         axis.legend(loc="upper right", frameon=False, fontsize=8, ncols=2)
-    if free:
-        name = free[0].signals[0]
+    if moved:
+        name = moved.signals[0]
         axes[2].plot(clean.t, clean.signals[name], color=INK["reference"], lw=1.6)
         axes[2].set(ylabel=f"{name} ({readable(system.signal_units[name])})")
     axes[-1].set(xlabel="time (s)")
@@ -144,7 +148,7 @@ def headline(result: Mapping[str, Any]) -> str:
     for kind, text in KINDS.items():
         ratios = []
         for methods in result["errors"].values():
-            ours, theirs = (methods[key][kind].get("force_mse") for key in ("model", "coulomb_viscous"))
+            ours, theirs = (methods[key].get(kind, {}).get("force_mse") for key in ("model", "coulomb_viscous"))
             if ours and theirs and theirs["value"] > 0:
                 ratios.append(f"{ours['value'] / theirs['value']:.2g}")
         if ratios:
@@ -155,12 +159,15 @@ def headline(result: Mapping[str, Any]) -> str:
     return f"{label}: {', '.join(parts)} times the square error of the Coulomb + viscous fit" if parts else label
 
 
-def characteristics_figure(surfaces: Mapping[str, Characteristics], told: Mapping[str, Any]) -> Figure:
+def characteristics_figure(
+    surfaces: Mapping[str, Characteristics], told: Mapping[str, Any], contact: str = ""
+) -> Figure:
     """Force over slip velocity and normal force: each model, the truth and, for one model alone, their difference.
 
     Args:
         surfaces: name of a model -> its characteristics, all on one grid.
         told: units, as in ``result.json``.
+        contact: its name, for the title, where there are several.
     """
     first = next(iter(surfaces.values()))
     panels = {name: surface.model for name, surface in surfaces.items()}
@@ -187,6 +194,6 @@ def characteristics_figure(surfaces: Mapping[str, Characteristics], told: Mappin
     for axis in axes:
         axis.set(xlabel=f"slip velocity ({readable(told['v_slip']['unit'])})")
     axes[0].set(ylabel=f"normal force ({readable(told['normal_force']['unit'])})")
-    title = "Friction characteristics over the range seen in training"
+    title = f"Friction characteristics{f' of {contact}' if contact else ''} over the range seen in training"
     figure.suptitle(textwrap.fill(title, 36 * (len(panels) + differs)))
     return figure

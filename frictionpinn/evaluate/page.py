@@ -21,10 +21,10 @@ _CAPTIONS = {
 }
 
 
-def columns(result: Mapping[str, Any]) -> list[str]:
-    """Heads of the table, with units; a column of published figures only where there are any."""
+def columns(result: Mapping[str, Any], trajectory: str) -> list[str]:
+    """Heads of the table of one trajectory, with units; a column of published figures only where there are any."""
     methods = [entry for table in result["errors"].values() for entry in table.values()]
-    force = readable(next(iter(result["errors"].values()))["model"]["online"]["force_mse"]["unit"])
+    force = readable(result["errors"][trajectory]["model"]["online"]["force_mse"]["unit"])
     heads = ["method"]
     for kind, text in KINDS.items():
         heads += [
@@ -45,7 +45,7 @@ def _has_published(result: Mapping[str, Any], kind: str) -> bool:
 
 def rows(result: Mapping[str, Any], trajectory: str) -> Iterator[list[str]]:
     """Cells of the table of one trajectory, a row per method; a dash where a method has no such figure."""
-    width = len(columns(result))
+    width = len(columns(result, trajectory))
     for entry in result["errors"][trajectory].values():
         cells = [entry["label"]]
         for kind in KINDS:
@@ -82,8 +82,9 @@ def note(result: Mapping[str, Any]) -> str:
 
 def terminal_table(result: Mapping[str, Any]) -> str:
     """Mean square errors of the force and errors of the motion, for a terminal."""
-    lines, heads = [], columns(result)
+    lines = []
     for name, about in result["trajectories"].items():
+        heads = columns(result, name)
         table = [heads, *rows(result, name)]
         widths = [max(len(row[k]) for row in table) for k in range(len(heads))]
         lines.append(f"{name}: {_about(about)}")
@@ -115,7 +116,7 @@ def write_page(path: Path, result: Mapping[str, Any], figures: Sequence[Path]) -
 
 
 def _table(result: Mapping[str, Any], name: str, about: Mapping[str, Any]) -> str:
-    head = "".join(f'<th scope="col">{html.escape(cell)}</th>' for cell in columns(result))
+    head = "".join(f'<th scope="col">{html.escape(cell)}</th>' for cell in columns(result, name))
     body = ""
     for key, row in zip(result["errors"][name], rows(result, name), strict=True):
         first, *rest = (html.escape(cell) for cell in row)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +14,7 @@ from ..data.recording import Trial
 from ..numerics.paths import InputPath
 from ..numerics.simulation import ContactLost, Simulation, SimulationFailed
 from ..physics import LAWS, System
+from ..physics.base import contact_of, plain_name
 from ..physics.mechanism import Mechanism
 from ..progress import Steps
 from .style import squared
@@ -29,12 +30,23 @@ class Trajectory:
             v_slip (of a measurement: those that the equation of motion implies).
         seen: seed of the noise -> contact of the noisy trial, filtered causally.
         reference: what the force is compared with, in words.
+        whole: of one of several contacts (:meth:`at`): the trajectory with all of them.
     """
 
     system: System
     clean: Trial
     seen: dict[int, ContactTrial] = field(default_factory=dict)
     reference: str = "truth"
+    whole: Trajectory | None = None
+
+    def at(self, contact: str) -> Trajectory:
+        """The trajectory as one contact sees it, with its name after the trajectory's."""
+        if not contact:
+            return self
+        truth = {plain_name(name): x for name, x in self.clean.truth.items() if contact_of(name) == contact}
+        clean = replace(self.clean, name=f"{self.name}, {contact}", truth=truth)
+        seen = {seed: trial.at(contact) for seed, trial in self.seen.items()}
+        return replace(self, system=self.system.at(contact), clean=clean, seen=seen, whole=self)
 
     @property
     def name(self) -> str:
@@ -48,11 +60,13 @@ class Trajectory:
     @cached_property
     def mechanism(self) -> Mechanism:
         """The system alone matters: which coordinates are free and which are driven."""
-        return Mechanism(self.system, LAWS["coulomb"]())
+        return Mechanism(self.system.whole, LAWS["coulomb"]())
 
     @cached_property
     def path(self) -> InputPath:
         """Driven coordinates and inputs, without noise."""
+        if self.whole is not None:
+            return self.whole.path
         return InputPath.from_signals(self.mechanism, self.clean.t, self.clean.signals)
 
     @property

@@ -12,8 +12,10 @@ from ..models import FrictionModel
 from ..models.in_motion import InMotion
 from ..numerics.paths import InputPath
 from ..numerics.simulate import Simulator
-from ..numerics.simulation import Simulation
+from ..numerics.simulation import ContactLost, Simulation, SimulationFailed
 from ..physics import LAWS, System
+from ..physics.base import at_contact
+from ..physics.contacts import law_named
 from ..physics.mechanism import Mechanism
 from .force import CoulombFit, CoulombViscousFit, Predictor
 from .in_motion import simulate_in_motion
@@ -84,7 +86,60 @@ def online(predictor: Predictor) -> Online:
     return lambda trial: predictor.predict_trial(trial)["force"]
 
 
-def simulated_law(system: System, law: str, parameters: Mapping[str, float]) -> InSimulation:
-    """Simulation of a law by the compiled simulator."""
-    simulator = Simulator(Mechanism(system, LAWS[law]()))
+def simulated_law(system: System, law: str | Mapping[str, str], parameters: Mapping[str, float]) -> InSimulation:
+    """Simulation of a law, or of one for each contact, by the compiled simulator."""
+    simulator = Simulator(Mechanism(system, law_named(law, "friction")))  # type: ignore[arg-type]
     return lambda path, y0: simulator.simulate(path.t, path, dict(parameters), dict(y0), z0="steady")
+
+
+class Joint:
+    """A simulation with the friction of all contacts, made once for each trajectory: every contact takes its part."""
+
+    def __init__(self, simulate: InSimulation):
+        self.simulate = simulate
+        self._made: dict[int, tuple[InputPath, Simulation | Exception]] = {}
+
+    def _of(self, path: InputPath, y0: Start) -> Simulation:
+        if id(path) not in self._made:
+            try:
+                self._made[id(path)] = path, self.simulate(path, y0)
+            except (ContactLost, SimulationFailed) as error:
+                self._made[id(path)] = path, error
+        found = self._made[id(path)][1]
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    def at(self, contact: str) -> InSimulation:
+        """The simulation as one contact sees it."""
+        return lambda path, y0: self._of(path, y0).at(contact)
+
+
+def candidates_at_contacts(
+    model: FrictionModel, system: System, train: Sequence[ContactTrial]
+) -> dict[str, dict[str, Candidate]]:
+    """Contact -> the model's map first, then its yardsticks, by key; in simulation the frictions of all contacts act.
+
+    Args:
+        model: of several contacts.
+        system: with all of them; those that the model has no map of have no friction.
+        train: the model's training trials, to which the classical laws are fitted.
+    """
+    name, none = model.hparams["name"].upper(), {contact.name: "none" for contact in system.contacts}
+    found: dict[str, dict[str, Candidate]] = {}
+    for contact in model.contacts:
+        found[contact] = {"model": Candidate(name, online(model.map_of(contact)))}
+    if model.physical():
+        laws = {contact: model.map_of(contact).hparams["law"]["name"] for contact in model.contacts}
+        joint = Joint(simulated_law(system, none | laws, model.physical()))
+        for contact, law in laws.items():
+            found[contact]["law"] = Candidate(f"{LAWS[law].__name__} with {name}'s parameters", None, joint.at(contact))
+    for table in found.values():
+        table["force_balance"] = Candidate("force balance", lambda trial: trial.online["friction_force"])
+    for kind in (CoulombFit, CoulombViscousFit):
+        fits = {contact: kind([trial.at(contact) for trial in train]) for contact in found}
+        values = {at_contact(c, key): value for c, fit in fits.items() for key, value in fit.parameters.items()}
+        joint = Joint(simulated_law(system, none | dict.fromkeys(fits, kind.law), values))
+        for contact, fit in fits.items():
+            found[contact][fit.law] = Candidate(fit.label, online(fit), joint.at(contact))
+    return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from string import Template
@@ -31,6 +32,9 @@ def fill(template: str, **values: object) -> str:
 def write_c(folder: Path, portable: PortableModel) -> list[str]:
     """Write ``friction.h``, ``friction.c`` and, where the equations of motion allow, ``simulate.c``.
 
+    Of one of several contacts ``hinge_friction.h`` and ``hinge_friction.c``, every name with the contact before it, so
+    that those of all contacts fit into one program.
+
     Returns:
         Names of the files.
     """
@@ -46,7 +50,7 @@ def write_c(folder: Path, portable: PortableModel) -> list[str]:
         "friction.c": f'#include "friction.h"\n\n#include <math.h>\n{source}',
         "simulate.c": simulate_source(portable),
     }
-    return _write(folder, files)
+    return _write(folder, _at_contact(files, portable.contact) if portable.contact else files)
 
 
 def write_law_c(folder: Path, law: FrictionLaw, values: Mapping[str, float], system: System) -> list[str]:
@@ -54,6 +58,16 @@ def write_law_c(folder: Path, law: FrictionLaw, values: Mapping[str, float], sys
     header = _header(f"{law.name} friction", system, _law_header(law, system))
     source = f'#include "friction.h"\n\n#include <math.h>\n{_law_source(law, values)}'
     return _write(folder, {"friction.h": header, "friction.c": source})
+
+
+def _at_contact(files: Mapping[str, str | None], contact: str) -> dict[str, str | None]:
+    """The files with the contact's name before theirs and before every name that they share with a program."""
+
+    def own(text: str) -> str:
+        text = re.sub(r"\bfriction(?=_|\.[ch]\b)", f"{contact}_friction", text)
+        return re.sub(r"\bFRICTION(?=_)", f"{contact.upper()}_FRICTION", text)
+
+    return {own(name): text and own(text) for name, text in files.items()}
 
 
 def _write(folder: Path, files: Mapping[str, str | None]) -> list[str]:

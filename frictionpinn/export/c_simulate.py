@@ -23,10 +23,13 @@ _LAW = """    if (use_law) {
 
 
 def simulate_source(portable: PortableModel) -> str | None:
-    """``simulate.c``; None where the motion is imposed or the normal force depends on the accelerations sought."""
+    """``simulate.c``; None of several contacts, or where the motion is imposed or the normal force depends on the
+    accelerations sought."""
     from .c_code import fill
 
     system = portable.system
+    if portable.contact:
+        return None
     mechanism = Mechanism(system, LAWS["coulomb"]())
     try:
         equations = explicit_motion(system)

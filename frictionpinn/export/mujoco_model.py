@@ -20,15 +20,18 @@ _TEMPLATES = Path(__file__).parent / "templates"
 def write_mujoco(folder: Path, portable: PortableModel) -> list[str]:
     """Write ``friction_mujoco.py``, ``friction_model.py``, its numbers, the law, and for the PoB an example.
 
+    Of one of several contacts numbers and law carry its name, ``hinge_friction_model.json``; the rest is shared.
+
     Returns:
         Names of the files.
     """
     files = {
         name: (_TEMPLATES / name).read_text(encoding="utf-8") for name in ("friction_mujoco.py", "friction_model.py")
     }
-    files["friction_model.json"] = json.dumps(describe(portable)) + "\n"
+    prefix = f"{portable.contact}_" if portable.contact else ""
+    files[f"{prefix}friction_model.json"] = json.dumps(describe(portable)) + "\n"
     if portable.law is not None:
-        files["friction_law.py"] = law_module(portable.law)
+        files[f"{prefix}friction_law.py"] = law_module(portable.law)
     if portable.system.name == "pob":
         example = (_TEMPLATES / "simulate_pob.py").read_text(encoding="utf-8")
         files["simulate_pob.py"] = Template(example).substitute(kind=kinds(portable)[0])
@@ -53,6 +56,7 @@ def describe(portable: PortableModel) -> dict[str, Any]:
         "version": __version__,
         "kinds": kinds(portable),
         "law": law.name if law else None,
+        **({"law_module": f"{portable.contact}_friction_law"} if law and portable.contact else {}),
         "parameters": {name: {"value": portable.identified[name], "unit": unit} for name, unit in names.items()},
         "network_parameters": {name: {"value": portable.values[name], "unit": unit} for name, unit in names.items()},
         "signals": list(portable.signals),

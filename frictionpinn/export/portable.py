@@ -103,6 +103,11 @@ class PortableModel:
         )
 
     @property
+    def contact(self) -> str:
+        """Name of the contact; empty where the system has no other."""
+        return self.system.contacts[0].name if len(self.system.whole.contacts) > 1 else ""
+
+    @property
     def estimator(self) -> bool:
         """Whether it is a parameter estimator: it then sees rates of the signals too."""
         return self.law is not None
@@ -129,7 +134,9 @@ class PortableModel:
     @property
     def title(self) -> str:
         """One line that says what this is."""
-        return f"friction model {self.name}, trained on {self.system.title}"
+        return (
+            f"friction model {self.name}{f' of {self.contact}' if self.contact else ''}, trained on {self.system.title}"
+        )
 
 
 def _array(tensor: torch.Tensor) -> np.ndarray:

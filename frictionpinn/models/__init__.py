@@ -1,11 +1,33 @@
 """The friction models as LightningModules: bb1, bb2, pe1, pe2."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from .base import FrictionModel
 from .black_box import BlackBox
 from .ensemble import FrictionEnsemble
 from .features import Features
 from .parameter_estimator import ParameterEstimator
+from .several import SeveralContacts
 
 MODELS = {"bb1": BlackBox, "bb2": BlackBox, "pe1": ParameterEstimator, "pe2": ParameterEstimator}
 
-__all__ = ["MODELS", "BlackBox", "Features", "FrictionEnsemble", "FrictionModel", "ParameterEstimator"]
+
+def rebuilt(hparams: Mapping[str, Any]) -> FrictionModel:
+    """A model from the hyper-parameters of a checkpoint; its state is loaded afterwards."""
+    if hparams.get("members"):
+        return FrictionEnsemble.from_hparams(hparams)
+    kind = SeveralContacts if hparams.get("contacts") else MODELS[hparams["name"]]
+    return kind(**hparams)
+
+
+__all__ = [
+    "MODELS",
+    "BlackBox",
+    "Features",
+    "FrictionEnsemble",
+    "FrictionModel",
+    "ParameterEstimator",
+    "SeveralContacts",
+    "rebuilt",
+]

@@ -80,6 +80,19 @@ class FrictionModel(L.LightningModule):
 
     sees_rates = False  # whether the prediction needs the rates of the signals
 
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """Names of the contacts with friction; one without a name where the system has no other."""
+        return ("",)
+
+    def map_of(self, contact: str) -> FrictionModel:
+        """The model of one contact."""
+        return self
+
+    def arrays(self, trial: ContactTrial, source: str = "online") -> dict[str, np.ndarray]:
+        """What the model is given of one trial, see :func:`tensors`."""
+        return tensors(trial, self.features, source)
+
     # physics of the variant ----------------------------------------------------------------------------------
     def outputs(self, batch: Batch) -> tuple[Tensor, ...]:
         """The network's output u, shape (n, 1), and where rates are seen u' along the trajectory (forward mode)."""
@@ -108,19 +121,22 @@ class FrictionModel(L.LightningModule):
             force = force / self.scales["force"] ** 2
         parts = {"force": force}
         if "residual" in predicted:
-            residual = predicted["residual"]
-            if self.loss["consistency"] == "relative":
-                floor = float(self.loss.get("floor", 1.0)) * self.scales["velocity_noise"]
-                residual = residual / (batch["v"].abs() + floor)
-            parts["consistency"] = float(self.loss["weight"]) * residual.square().mean()
+            parts["consistency"] = self.consistency(predicted["residual"], batch["v"])
         parts["loss"] = sum(parts.values(), start=torch.zeros((), device=force.device))
         return parts
+
+    def consistency(self, residual: Tensor, v: Tensor) -> Tensor:
+        """lambda times the mean square of z' of network less law, m/s, or of it over the slip velocity v."""
+        if self.loss["consistency"] == "relative":
+            floor = float(self.loss.get("floor", 1.0)) * self.scales["velocity_noise"]
+            residual = residual / (v.abs() + floor)
+        return float(self.loss["weight"]) * residual.square().mean()
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         parts = self.losses(batch)
         self.parts = {name: value.detach() for name, value in parts.items()}
         if self._logs_now():
-            self.log("loss/training", self.parts["loss"], on_step=False, on_epoch=True, batch_size=len(batch["v"]))
+            self.log("loss/training", self.parts["loss"], on_step=False, on_epoch=True, batch_size=samples(batch))
         return parts["loss"]
 
     def _logs_now(self) -> bool:
@@ -135,12 +151,12 @@ class FrictionModel(L.LightningModule):
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         with torch.enable_grad():
             loss = self.losses(batch)["loss"].detach()
-        self.log("loss/validation", loss, batch_size=len(batch["v"]))
+        self.log("loss/validation", loss, batch_size=samples(batch))
 
     def configure_optimizers(self):
         steps = int(self.trainer.estimated_stepping_batches) if self._trainer is not None else 1000
-        physical = [p for name, p in self.named_parameters() if name.startswith("law_parameters")]
-        weights = [p for name, p in self.named_parameters() if not name.startswith("law_parameters")]
+        physical = [p for name, p in self.named_parameters() if "law_parameters." in name]
+        weights = [p for name, p in self.named_parameters() if "law_parameters." not in name]
         return build_optimizer(self.optimizer_config, weights, physical, steps)
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
@@ -155,10 +171,13 @@ class FrictionModel(L.LightningModule):
     @torch.no_grad()
     def predict_trial(self, trial: ContactTrial, source: str = "online") -> dict[str, np.ndarray]:
         """Force (N) and internal states along one trial, arrays of shape (n,)."""
-        batch = {
-            name: torch.as_tensor(v, device=self.device) for name, v in tensors(trial, self.features, source).items()
-        }
+        batch = {name: torch.as_tensor(v, device=self.device) for name, v in self.arrays(trial, source).items()}
         return {name: value.squeeze(-1).cpu().numpy().astype(float) for name, value in self.predict(batch).items()}
+
+
+def samples(batch: Batch) -> int:
+    """Number of samples of a batch."""
+    return len(next(iter(batch.values())))
 
 
 def check_loss(loss: Mapping[str, Any]) -> None:
@@ -192,11 +211,12 @@ def check_same_model(checkpoint: Mapping[str, Any], hparams: Mapping[str, Any], 
 
 def _identity(hparams: Mapping[str, Any]) -> dict[str, Any]:
     """What must agree before a checkpoint's weights and the optimizer's state mean the same."""
-    own = {key: hparams.get(key) for key in ("name", "inputs", "windows", "network", "bristle")}
+    own = {key: hparams.get(key) for key in ("name", "inputs", "windows", "network", "bristle", "share")}
     own["ensemble"] = len(hparams.get("members") or [None])
     own["system"] = (hparams.get("context") or {}).get("system")
     own["optimizer"] = (hparams.get("optimizer") or {}).get("name")
-    return {**own, "friction": hparams.get("law")}
+    contacts = {name: options.get("law") for name, options in (hparams.get("contacts") or {}).items()}
+    return {**own, "friction": contacts or hparams.get("law")}
 
 
 def _first_difference(saved: Any, own: Any, key: str = "") -> tuple[str, Any, Any] | None:

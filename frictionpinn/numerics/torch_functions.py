@@ -10,6 +10,8 @@ import sympy as sp
 import torch
 
 from ..physics import CONTACT, FrictionLaw, System
+from ..physics.base import at_contact
+from ..physics.force_balance import balance, forces_implied
 
 _TORCH = [
     {
@@ -41,32 +43,71 @@ CONTACT_SIGNALS = ("v_slip", "normal_force", "a_slip", "a_frictionless", "fricti
 
 @lru_cache(maxsize=32)
 def _contact_function(
-    kind: Callable[..., System], equations: str, driven: tuple[str, ...]
+    kind: Callable[..., System], equations: str, driven: tuple[str, ...], contacts: tuple[str, ...]
 ) -> tuple[Callable, tuple[str, ...]]:
     system = kind(equations=equations, driven=driven)
     symbols = [symbol for c in system.moving for symbol in c.symbols] + [item.symbol for item in system.inputs]
     names = [name for c in system.moving for name in c.signals] + [item.name for item in system.inputs]
-    expressions = [system.v_slip, system.N, system.a_slip, system.a_frictionless, system.friction_implied]
+    views, implied = [system.at(name) for name in contacts], forces_implied(system, contacts)
+    expressions = [e for at in views for e in (at.v_slip, at.N, at.a_slip, at.a_frictionless)]
     arguments = [*symbols, *(par.symbol for par in system.parameters)]
-    return numpy_function(arguments, expressions), tuple(names)
+    return numpy_function(arguments, [*expressions, *implied.values()]), tuple(names)
 
 
-def contact_signals(system: System, signals: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def contact_signals(
+    system: System, signals: dict[str, np.ndarray], contacts: Sequence[str] | None = None
+) -> dict[str, np.ndarray]:
     """Slip velocity, normal force, slip acceleration, frictionless acceleration, implied friction force.
 
     Args:
         system: gives the equations and the values of its parameters.
         signals: measured signals by name, each of shape (n,); an absent input counts as zero.
+        contacts: names of the contacts with friction; None: all.
 
     Returns:
-        name (see ``CONTACT_SIGNALS``) -> array of shape (n,), SI units.
+        name (see ``CONTACT_SIGNALS``; ``hinge.v_slip`` with several contacts) -> array of shape (n,), SI units.
+
+    Raises:
+        UserError: the force balance does not tell the friction forces of these contacts apart.
     """
-    function, names = _contact_function(type(system), system.equations, system.driven)  # type: ignore[arg-type]
+    own = tuple(contact.name for contact in system.contacts) if contacts is None else tuple(contacts)
+    function, names = _contact_function(type(system), system.equations, system.driven, own)  # type: ignore[arg-type]
     n = len(next(iter(signals.values())))
     columns = [np.asarray(signals[name], float) if name in signals else np.zeros(n) for name in names]
     values = function(*columns, *(system.values[par.name] for par in system.parameters))
     full = [np.broadcast_to(np.asarray(value, float), (n,)) for value in values]
-    return dict(zip(CONTACT_SIGNALS, full, strict=True))
+    kinds, prefix = CONTACT_SIGNALS[:-1], len(system.contacts) > 1
+    keys = [at_contact(contact if prefix else "", kind) for contact in own for kind in kinds]
+    keys += [at_contact(contact if prefix else "", CONTACT_SIGNALS[-1]) for contact in own]
+    return dict(zip(keys, full, strict=True))
+
+
+@lru_cache(maxsize=32)
+def _slope_function(
+    kind: Callable[..., System], equations: str, driven: tuple[str, ...], contacts: tuple[str, ...]
+) -> tuple[Callable, tuple[str, ...], tuple[int, ...]]:
+    system = kind(equations=equations, driven=driven)
+    J, _ = balance(system, contacts)
+    names = [name for c in system.moving for name in c.signals]
+    arguments = [symbol for c in system.moving for symbol in c.symbols] + [par.symbol for par in system.parameters]
+    return numpy_function(arguments, list(J)), tuple(names), J.shape
+
+
+def balance_slopes(system: System, signals: dict[str, np.ndarray], contacts: Sequence[str]) -> np.ndarray:
+    """J along a motion: what a unit of each friction force adds to each equation of motion that holds one.
+
+    Args:
+        system, signals: as above.
+        contacts: names of the contacts with friction.
+
+    Returns:
+        shape (n, equations, contacts).
+    """
+    made = type(system), system.equations, system.driven, tuple(contacts)
+    function, names, shape = _slope_function(*made)  # type: ignore[arg-type]
+    n = len(next(iter(signals.values())))
+    values = function(*(signals[name] for name in names), *(system.values[par.name] for par in system.parameters))
+    return np.stack([np.broadcast_to(np.asarray(v, float), (n,)) for v in values], axis=1).reshape(n, *shape)
 
 
 def capacity_rate(law: FrictionLaw) -> tuple[sp.Expr, tuple[sp.Symbol, sp.Symbol]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from ..numerics.bristle import resting_states, steady_bristles
 from ..numerics.codegen import Kernels, pointer
 from ..numerics.session import ALONE, Session
 from ..numerics.tableau import METHOD
+from ..physics.base import at_contact, contact_of
 from ..physics.mechanism import Mechanism
 from .check import check_adapt, check_sensors, finite, parameter_vector
 from .consistency import Consistency
@@ -36,27 +37,44 @@ def _recursions() -> ModuleType:
 
 
 class Reading(NamedTuple):
-    """Friction force at one instant.
+    """Friction force at one instant; with several contacts force, low and high have the shape (contacts,).
 
     Attributes:
         t: time, s.
-        force: in the system's unit of force.
+        force: in the unit of force of its contact.
         low, high: 95 % interval.
-        status: "ok", "contact lost" (the normal force is not positive), "no solution", or "inconsistent": over the last
+        status: "ok", "contact lost" (a normal force is not positive), "no solution", or "inconsistent": over the last
             fifth of a second the samples are further from what the filter expected than its interval allows, see
             :class:`.consistency.Consistency`. Parameters or noise levels are wrong, a sensor failed, the surface
             changed: neither force nor interval can be relied on.
+        contacts: names of the contacts.
     """
 
     t: float
-    force: float
-    low: float
-    high: float
+    force: Any
+    low: Any
+    high: Any
     status: str
+    contacts: tuple[str, ...] = ("",)
+
+    def at(self, contact: str) -> Reading:
+        """The reading of one contact: force, low and high are numbers.
+
+        Raises:
+            UserError: there is no such contact.
+        """
+        if contact not in self.contacts:
+            raise UserError("unknown contact", where="contact", received=contact, allowed=", ".join(self.contacts))
+        if len(self.contacts) == 1:
+            return self
+        k = self.contacts.index(contact)
+        force, low, high = (float(values[k]) for values in (self.force, self.low, self.high))
+        return Reading(self.t, force, low, high, self.status, (contact,))
 
 
 class OnlineEstimator:
-    """Friction force from the newest sample and all before it, by a Kalman filter on the equation of motion.
+    """Friction force of every contact from the newest sample and all before it, by a Kalman filter on the equation of
+    motion.
 
     The filter's state is the mechanism's own (positions, velocities, bristle), every driven coordinate and input as a
     Wiener process, and parameters that adapt. A step integrates the compiled equations for every sigma point with the
@@ -76,7 +94,7 @@ class OnlineEstimator:
             identification, counts in the interval.
 
     Raises:
-        UserError: an unknown parameter or one without value, an effect on sensors, several contacts.
+        UserError: an unknown parameter or one without value, an effect on sensors.
     """
 
     def __init__(
@@ -88,7 +106,6 @@ class OnlineEstimator:
         share: float = SHARES[0],
         covariance: np.ndarray | None = None,
     ):
-        _ = mechanism.only  # one friction force is estimated
         check_sensors(mechanism)
         self.mechanism, self.tuning, self.adapt, self.share = mechanism, tuning, dict(adapt or {}), float(share)
         self.kernels = Kernels(mechanism)
@@ -164,7 +181,25 @@ class OnlineEstimator:
             METHOD.order_error, np.array(chains, dtype=np.int64).reshape(-1, 4),
             np.array([(place, 1) for place in places], dtype=np.int64).reshape(-1, 2), self._p,
             (m, n_s, n_w, n_u), ALONE.lines(mechanism.clocks), atol, self.kernels.places, RTOL, 1.0,
+            len(self.contacts), self._slips(),
         )  # fmt: skip
+
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """Names of the contacts; one without a name where the system has no other."""
+        return self.kernels.contacts
+
+    def _slips(self) -> np.ndarray:
+        """Whether each free coordinate moves the contact of a parameter that adapts, shape (n_adapted, m)."""
+        found = np.zeros((len(self.adapt), len(self.mechanism.free)), dtype=np.bool_)
+        for i, name in enumerate(self.adapt):
+            found[i] = self._moved_by(contact_of(name))
+        return found
+
+    def _moved_by(self, contact: str) -> np.ndarray:
+        """Whether each free coordinate moves a contact, shape (m,); all of them where there is only one."""
+        free, several = self.mechanism.free, len(self.contacts) > 1 and contact
+        return np.array([not several or self.mechanism.system.at(contact).jacobian[c.name] != 0 for c in free], bool)
 
     def reset(self) -> None:
         """Forget all samples; parameters that adapt return to their first values."""
@@ -208,9 +243,12 @@ class OnlineEstimator:
         sliding[m : 2 * m] = np.where(np.abs(X[m : 2 * m]) > deviation, X[m : 2 * m], deviation)
         moves = bool((np.abs(X[m : 2 * m]) > 3 * deviation).any())
         if self.mechanism.memory:
-            held = steady_bristles(self.kernels, sliding, u, p)[0]
-            state[-1] = held if moves and np.isfinite(held) else 0.0
-            P[n_s - 1, n_s - 1] = held**2 if np.isfinite(held) else 0.0
+            held, fast = steady_bristles(self.kernels, sliding, u, p), np.abs(X[m : 2 * m]) > 3 * deviation
+            for i, k in enumerate(self.kernels.bristles):
+                place, known = n_s - len(held) + i, bool(np.isfinite(held[i]))
+                slips = bool((fast & self._moved_by(self.contacts[k])).any())
+                state[place] = held[i] if slips and known else 0.0
+                P[place, place] = held[i] ** 2 if known else 0.0
         if not moves:
             state[m : 2 * m] = 0.0
         X[:n_s] = state
@@ -243,14 +281,17 @@ class OnlineEstimator:
                 self._equations, self._X, self._P, self._kicks, self._walks, self._densities, last, t - last,
             )  # fmt: skip
         self._time = float(t)
-        _, force, variance, square, freedom = core.correct(
+        _, forces, variances, square, freedom = core.correct(
             self._equations, self._X, self._P, y, self._R, self._rows, float(t)
         )
-        reach = Z95 * np.sqrt(variance + (INEXACT * force) ** 2)
+        reach = Z95 * np.sqrt(variances + (INEXACT * forces) ** 2)
         told = STATUS[status]
         if not self._consistency.add(self._time, square, freedom) and told == "ok":
             told = "inconsistent"
-        return Reading(self._time, force, float(force - reach), float(force + reach), told)
+        force, low, high = (
+            float(values[0]) if len(values) == 1 else values for values in (forces, forces - reach, forces + reach)
+        )
+        return Reading(self._time, force, low, high, told, self.contacts)
 
     def _sample(self, signals: Mapping[str, float]) -> np.ndarray:
         y = np.full(len(self.signals), np.nan)
@@ -269,31 +310,36 @@ class OnlineEstimator:
         return y
 
     def filter(self, trial: Trial) -> dict[str, np.ndarray]:
-        """Run over a trial from a fresh start, causally.
+        """Run over a trial from a fresh start, causally; an input that it has not is 0 throughout.
 
         Returns:
             force, low, high and std of the friction force, shape (n,); ``consistent``, whether the samples were as
             expected, shape (n,); each parameter that adapts, shape (n,), and ``log_likelihood`` of the innovations,
-            shape ().
+            shape (). With several contacts ``hinge.force`` and so on.
         """
         self.reset()
         self._place(trial.session)
-        Y = np.full((len(trial.t), len(self.signals)), np.nan)
+        system, Y = self.mechanism.system, np.full((len(trial.t), len(self.signals)), np.nan)
+        inputs = [] if system.massless else [item.name for item in system.inputs]
         for k, name in enumerate(self.signals):
             if name in trial.signals:
                 Y[:, k] = trial.signals[name]
+            elif name in inputs:  # none was applied
+                Y[:, k] = 0.0
         self._time = float(trial.t[0])
         self._start(Y[0])
-        loglik, force, variance, squares, freedoms, states = _recursions().run(
+        loglik, forces, variances, squares, freedoms, states = _recursions().run(
             self._equations, self._X, self._P, self._kicks, self._walks, self._densities,
             np.ascontiguousarray(trial.t, dtype=float), Y, self._R, self._rows,
         )  # fmt: skip
         self._time = float(trial.t[-1])
-        std, first = np.sqrt(variance + (INEXACT * force) ** 2), self._size - len(self.adapt)
+        stds, first = np.sqrt(variances + (INEXACT * forces) ** 2), self._size - len(self.adapt)
         samples = zip(trial.t.tolist(), squares.tolist(), freedoms.tolist(), strict=True)
         consistent = np.array([self._consistency.add(*sample) for sample in samples])
-        found = {"force": force, "low": force - Z95 * std, "high": force + Z95 * std, "std": std}
-        found["consistent"] = consistent
+        found = {"consistent": consistent}
+        for contact, force, std in zip(self.contacts, forces.T.copy(), stds.T.copy(), strict=True):
+            told = {"force": force, "low": force - Z95 * std, "high": force + Z95 * std, "std": std}
+            found |= {at_contact(contact, name): values for name, values in told.items()}
         found |= {name: np.exp(states[:, first + i]) for i, name in enumerate(self.adapt)}
         return found | {"log_likelihood": np.array(loglik)}
 

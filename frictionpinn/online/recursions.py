@@ -44,6 +44,8 @@ class Equations(NamedTuple):
         atol, rtol: tolerances of the integrator, atol of shape (n_s,).
         places: contact of each state behind the velocities.
         spread: distance of the sigma points, in standard deviations.
+        contacts: their number.
+        slips: whether a free coordinate moves the contact of a parameter that adapts, shape (n_adapted, m).
     """
 
     newton: Any
@@ -61,6 +63,8 @@ class Equations(NamedTuple):
     places: np.ndarray
     rtol: float
     spread: float
+    contacts: int
+    slips: np.ndarray
 
 
 @njit(**OPTIONS)
@@ -125,10 +129,10 @@ def flow(eq, X, now, h):
 
 @njit(**OPTIONS)
 def look(eq, X, now):
-    """Status, w = (a, z') and (v_slip, N, F) at X."""
+    """Status, w = (a, z') and (v_slip, N, F) of every contact at X."""
     m, n_s, n_w, n_u = eq.sizes
     coefficients, p, s, w = inputs(eq, X, now), parameters(eq, X), X[:n_s].copy(), np.zeros(n_w)
-    u, seen, status = coefficients[0, :, 0].copy(), np.zeros(3), OK
+    u, seen, status = coefficients[0, :, 0].copy(), np.zeros(3 * eq.contacts), OK
     if n_w > 0:
         out = np.zeros(n_w + n_w * (n_s + n_w) + 1)
         work = (np.empty(n_s), np.zeros(n_u), np.empty(n_w), np.empty(n_w), np.empty((n_w, n_w)),
@@ -139,11 +143,12 @@ def look(eq, X, now):
 
 
 @njit(**OPTIONS)
-def slides(eq, X, P):
-    """Whether a free coordinate moves for certain; always where the motion is imposed."""
+def slides(eq, X, P, i):
+    """Whether the contact of the i-th parameter that adapts slides for certain: a free coordinate that moves it does;
+    always where the motion is imposed."""
     m = eq.sizes[0]
     for j in range(m):
-        if X[m + j] ** 2 > SURE**2 * P[m + j, m + j]:
+        if eq.slips[i, j] and X[m + j] ** 2 > SURE**2 * P[m + j, m + j]:
             return True
     return m == 0
 
@@ -188,9 +193,9 @@ def predict(eq, X, P, kicks, walks, densities, now, h):
         X[part] = F @ X[part].copy()
         change[part] = F @ change[part].copy()
         noise[part, part] = Q
-    count = walks.shape[0] if slides(eq, X, P) else 0  # at rest a surface shows no change, and none is assumed
-    for i in range(count):
-        noise[n - count + i, n - count + i] = walks[i] * h
+    count = walks.shape[0]
+    for i in range(count):  # at rest a surface shows no change, and none is assumed
+        noise[n - count + i, n - count + i] = walks[i] * h if slides(eq, X, P, i) else 0.0
     P[:] = change @ change.T + noise
     return status
 
@@ -203,40 +208,47 @@ def correct(eq, X, P, y, R, rows, now):
         y, R, rows: signals (NaN: missing), variances of their noise, and what each shows (kind, index).
 
     Returns:
-        log-likelihood, friction force and its variance, and the normalised innovation squared (chi-squared where
-        model and noise levels are right) with its degrees of freedom.
+        log-likelihood, friction forces and their variances, shape (contacts,), and the normalised innovation squared
+        (chi-squared where model and noise levels are right) with its degrees of freedom.
     """
-    n, count = X.shape[0], y.shape[0]
+    n, count, contacts = X.shape[0], y.shape[0], eq.contacts
     L = root(P) * eq.spread
     _, w, seen = look(eq, X, now)
-    expected, slopes = np.zeros(count + 1), np.zeros((count + 1, n))
-    expected[count] = seen[2]
-    for k in range(count):
-        kind, index = rows[k, 0], rows[k, 1]
-        expected[k] = X[index] if kind == STATE else (w[index] if kind == RATE else seen[2])
+    expected, slopes = np.zeros(count + contacts), np.zeros((count + contacts, n))
+    kinds, indices = np.full(count + contacts, FORCE), np.zeros(count + contacts, np.int64)
+    kinds[:count], indices[:count] = rows[:, 0], rows[:, 1]
+    for k in range(contacts):
+        indices[count + k] = k
+    for k in range(count + contacts):
+        kind, index = kinds[k], indices[k]
+        expected[k] = X[index] if kind == STATE else (w[index] if kind == RATE else seen[3 * index + 2])
     for j in range(n):
         _, w_up, seen_up = look(eq, X + L[:, j], now)
         _, w_down, seen_down = look(eq, X - L[:, j], now)
-        for k in range(count + 1):
-            kind, index = (rows[k, 0], rows[k, 1]) if k < count else (FORCE, 0)
+        for k in range(count + contacts):
+            kind, index = kinds[k], indices[k]
             if kind == STATE:
                 slopes[k, j] = L[index, j] / eq.spread
             elif kind == RATE:
                 slopes[k, j] = 0.5 * (w_up[index] - w_down[index]) / eq.spread
             else:
-                slopes[k, j] = 0.5 * (seen_up[2] - seen_down[2]) / eq.spread
+                slopes[k, j] = 0.5 * (seen_up[3 * index + 2] - seen_down[3 * index + 2]) / eq.spread
     L /= eq.spread
     used = np.flatnonzero(np.isfinite(y) & np.isfinite(R) & np.isfinite(expected[:count]))
-    force = slopes[count]
+    forces, variances = expected[count:].copy(), np.zeros(contacts)
+    for k in range(contacts):
+        variances[k] = slopes[count + k] @ slopes[count + k]
     if used.shape[0] == 0:
-        return 0.0, expected[count], force @ force, 0.0, 0
+        return 0.0, forces, variances, 0.0, 0
     D = slopes[used]
     S = D @ D.T
     for k in range(used.shape[0]):
         S[k, k] += R[used[k]]
-    innovation = y[used] - expected[:count][used]
+    innovation, shared = y[used] - expected[:count][used], np.zeros((contacts, used.shape[0]))
+    for k in range(contacts):
+        shared[k] = D @ slopes[count + k]
     C = root(S)
-    white, gain, own = whiten(C, innovation, D @ L.T, D @ force)
+    white, gain, own = whiten(C, innovation, D @ L.T, shared)
     share = min(1.0, WILD * np.sqrt(used.shape[0]) / max(np.sqrt(white @ white), 1e-300))
     X += share * (gain.T @ white)  # a reading that no noise explains moves the state, and not out of the world
     P -= gain.T @ gain
@@ -247,24 +259,29 @@ def correct(eq, X, P, y, R, rows, now):
         if C[k, k] > 0.0:
             loglik -= np.log(C[k, k]) + 0.5 * np.log(2 * np.pi)
             freedom += 1
-    variance = max(force @ force - own @ own, 0.0)
-    return loglik, expected[count] + share * (own @ white), variance, white @ white, freedom
+    for k in range(contacts):
+        variances[k] = max(variances[k] - own[k] @ own[k], 0.0)
+        forces[k] += share * (own[k] @ white)
+    return loglik, forces, variances, white @ white, freedom
 
 
 @njit(**OPTIONS)
 def whiten(C, a, B, c):
-    """C^-1 a, C^-1 B and C^-1 c by forward substitution; rows of zeros where C has none on its diagonal."""
+    """C^-1 a, C^-1 B and C^-1 of every row of c by forward substitution; zeros where C has none on its diagonal."""
     a, B, c = a.copy(), B.copy(), c.copy()
     for j in range(C.shape[0]):
         if not C[j, j] > 0.0:
-            a[j], c[j] = 0.0, 0.0
+            a[j], c[:, j] = 0.0, 0.0
             B[j] = 0.0
             continue
         for k in range(j):
             a[j] -= C[j, k] * a[k]
             B[j] -= C[j, k] * B[k]
-            c[j] -= C[j, k] * c[k]
-        a[j], c[j] = a[j] / C[j, j], c[j] / C[j, j]
+            for i in range(c.shape[0]):
+                c[i, j] -= C[j, k] * c[i, k]
+        a[j] = a[j] / C[j, j]
+        for i in range(c.shape[0]):
+            c[i, j] = c[i, j] / C[j, j]
         B[j] /= C[j, j]
     return a, B, c
 
@@ -274,12 +291,13 @@ def run(eq, X, P, kicks, walks, densities, t, Y, R, rows):
     """Filter a whole trial.
 
     Returns:
-        log-likelihood; force, its variance, normalised innovation squared and its degrees of freedom, shape (n,); the
-        states, shape (n, n_X).
+        log-likelihood; forces and their variances, shape (n, contacts); normalised innovation squared and its degrees
+        of freedom, shape (n,); the states, shape (n, n_X).
     """
     n = t.shape[0]
     squares, freedoms = np.empty(n), np.empty(n, np.int64)
-    total, forces, variances, states = 0.0, np.empty(n), np.empty(n), np.empty((n, X.shape[0]))
+    total, states = 0.0, np.empty((n, X.shape[0]))
+    forces, variances = np.empty((n, eq.contacts)), np.empty((n, eq.contacts))
     for k in range(n):
         if k > 0:
             predict(eq, X, P, kicks, walks, densities, t[k - 1], t[k] - t[k - 1])

@@ -68,8 +68,10 @@ def tune(mechanism: Mechanism, recording: Recording, sigmas: Mapping[str, float]
         raise UserError("no trial to tune the estimator on", where="recording", fix="give the training trials")
     trials, system = recording.trials, mechanism.system
     names = [name for c in system.moving for name in c.signals] + [item.name for item in system.inputs]
-    present = [name for name in names if all(name in trial.signals for trial in trials)]
-    levels = {name: difference_sigma([(trial.t, trial.signals[name]) for trial in trials]) for name in present}
+    applied = {item.name for item in system.inputs}  # one that a trial has not is 0 there
+    with_it = {name: [trial for trial in trials if name in trial.signals] for name in names}
+    present = [name for name in names if with_it[name] and (name in applied or len(with_it[name]) == len(trials))]
+    levels = {name: difference_sigma([(trial.t, trial.signals[name]) for trial in with_it[name]]) for name in present}
     levels = {name: max(value, 1e-12) for name, value in levels.items()} | dict(sigmas or {})
     chains = {}
     for c in mechanism.driven:
@@ -77,7 +79,7 @@ def tune(mechanism: Mechanism, recording: Recording, sigmas: Mapping[str, float]
         chains[c.name] = _chain(trials, c.signals, levels, MOTION_ORDER)
     inputs = [item.name for item in system.inputs if item.symbol in system.acting and item.name in present]
     for name in [] if system.massless else inputs:
-        chains[name] = _chain(trials, (name,), levels, INPUT_ORDER)
+        chains[name] = _chain(with_it[name], (name,), levels, INPUT_ORDER)
     scales = {}
     for c in mechanism.free:
         _require(c.signals, present, c.name)

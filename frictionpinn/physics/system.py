@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from functools import cached_property, lru_cache
+from functools import cached_property
 from types import SimpleNamespace
 
 import sympy as sp
@@ -12,13 +12,12 @@ from ..errors import UserError, nearest
 from ..show import readable_unit
 from .base import TIME, Parameter, contact_of
 from .declarations import Coordinate, FrictionalContact, Input, check_imposed, check_value, checked_driven
+from .force_balance import forces_implied, simplified
 
 __all__ = ["TIME", "Coordinate", "FrictionalContact", "Input", "System"]
 
 # What a system with several contacts derives anew for each of them.
 OF_ONE_CONTACT = ("v_slip", "N", "jacobian", "slip_position", "a_slip", "a_frictionless", "friction_implied", "_views")
-
-_simplified = lru_cache(maxsize=1024)(sp.simplify)  # systems of one kind derive the same equations again and again
 
 
 class System:
@@ -201,7 +200,7 @@ class System:
 
     def _contact_holds(self, expr: sp.Expr) -> sp.Expr:
         zero = {symbol: 0 for c in self.coordinates if c.constrained for symbol in c.symbols}
-        return _simplified(expr.subs(zero))
+        return simplified(expr.subs(zero))
 
     @cached_property
     def _derived(self) -> dict[str, sp.Expr]:
@@ -275,22 +274,13 @@ class System:
         Raises:
             UserError: fewer equations than contacts hold a friction force, and do not tell the forces apart.
         """
-        views = self.each
-        rows = [([view.jacobian[c.name] for view in views], self.residual(c)) for c in self.free]
-        J, E = (sp.Matrix([row[k] for row in rows if any(j != 0 for j in row[0])]) for k in (0, 1))
-        if J.rank() < len(views):
-            raise UserError("the equations of motion do not tell the friction forces apart", where="system",
-                            received=f"{self.name}, {', '.join(c.name for c in self.whole.contacts)}",
-                            allowed="as many free coordinates as contacts", fix="simulate instead: diagnose.py, "
-                            "identify.py methods=[maximum_likelihood]")  # fmt: skip
-        J.simplify()
-        implied = -(J.T * J).inv() * J.T * E
-        return _simplified(implied[views.index(self)])
+        names = [contact.name for contact in self.whole.contacts]
+        return forces_implied(self.whole, names)[self.contacts[0].name]
 
     @cached_property
     def a_slip(self) -> sp.Expr:
         """Slip acceleration: the time derivative of the slip velocity."""
-        return _simplified(self._time_derivative(self.v_slip))
+        return simplified(self._time_derivative(self.v_slip))
 
     @cached_property
     def a_frictionless(self) -> sp.Expr:
@@ -299,7 +289,8 @@ class System:
             return self.a_slip
         accelerations = [c.symbols[2] for c in self.free]
         solution = sp.solve([self.residual(c) for c in self.free], accelerations, dict=True)[0]
-        return _simplified(self.a_slip.subs(solution))
+        free = self.a_slip.subs(solution)
+        return simplified(free) if len(self.whole.contacts) == 1 else free  # of two links it would take a minute
 
     @property
     def signal_units(self) -> dict[str, str]:

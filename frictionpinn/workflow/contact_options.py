@@ -6,6 +6,8 @@ import re
 from collections.abc import Sequence
 
 from ..errors import nearest
+from ..physics import LAWS, FrictionLaw
+from ..physics.contacts import ContactLaws
 from ..physics.friction import CONTACT_LAWS
 
 KEYS = ("name", "start", "bounds", "fixed", "tie_sigma1", "contacts")  # of conf/friction
@@ -17,6 +19,17 @@ def contact_options(arguments: Sequence[str]) -> list[str]:
     """The arguments with ``friction.hinge=coulomb`` as ``+friction.contacts.hinge=coulomb``, so that the law of one
     contact reads like that of all; ``friction.fixed.hinge.mu_c=0.1`` becomes a new key in the same way."""
     return [_as_key(text) for text in arguments]
+
+
+def options_of(law: FrictionLaw) -> list[str]:
+    """The options that give this law, or one for each of several contacts."""
+    if not isinstance(law, ContactLaws):
+        return [f"friction={law.name}"]
+    kinds = {contact: own.name for contact, own in law.laws.items()}
+    known = [kind for kind in kinds.values() if kind in LAWS]
+    first = next((kind for kind in known if LAWS[kind].memory), next(iter(known), "lugre"))
+    own = [f"+friction.contacts.{contact}={kind}" for contact, kind in kinds.items() if kind != first]
+    return [f"friction={first}", *own]
 
 
 def _as_key(text: str) -> str:

@@ -46,6 +46,9 @@ def prepare(cfg: Config, system: System) -> tuple[TrajectoryData, FrictionModel]
             own = build_data({**cfg, "seed": seed + k}, system)
         L.seed_everything(seed + k, workers=False, verbose=False)
         members.append(build_model(cfg, system, own))
+        if size > 1 and members[-1].contacts != ("",):
+            raise UserError("an ensemble is of one contact", where="ensemble", received=size, allowed="1 on a system "
+                            "with several contacts", fix="train it with seed=0, seed=1, ... (-m)")  # fmt: skip
         own.prepare_for(members[-1])
         batches.append(own.batches)
     if size == 1:

@@ -20,11 +20,13 @@ from ..evaluate.search_methods import METHODS, search
 from ..identify.likelihood import maximum_likelihood
 from ..identify.problem import Problem
 from ..identify.result import CONVERGED, Estimate
+from ..physics.base import contact_of, plain_name
 from ..physics.mechanism import Mechanism
 from ..progress import shorter
 from .build import Config, build_smoothing
 from .configs import CONF, Configs
-from .experiment import build_model
+from .contact_options import options_of
+from .experiment import build_model, frictional
 from .load import trained_parameters
 from .train import build_trainer, quiet
 
@@ -108,20 +110,22 @@ def network(
     """Train a PE on every trial of the recording; a network has no intervals of its own."""
     began = time.perf_counter()
     quiet()
-    cfg = default_config([f"model={variant}", f"system={mechanism.system.name}", f"friction={mechanism.law.name}"])
+    cfg = default_config([f"model={variant}", f"system={mechanism.system.name}", *options_of(mechanism.law)])
     cfg["trainer"] |= {"progress_bar": False} | ({"max_epochs": epochs} if epochs else {})
     for key, table in (("start", start), ("bounds", options.get("bounds")), ("fixed", options.get("fixed"))):
         cfg["friction"][key] = (cfg["friction"].get(key) or {}) | dict(table or {})
     L.seed_everything(seed, verbose=False)
     offline, online = build_smoothing(cfg["smoothing"])
-    trials = contact_trials(recording, mechanism.system, offline, online, recording.names)
+    own = frictional(cfg, mechanism.system)
+    trials = contact_trials(recording, mechanism.system, offline, online, recording.names, own)
     data = TrajectoryData(recording, trials, {"train": recording.names, "validation": [], "held_out": []})
     model = build_model(cfg, mechanism.system, data)
     data.prepare_for(model)
     with tempfile.TemporaryDirectory() as folder:
         build_trainer(cfg, Path(folder), validation=False).fit(model, datamodule=data)
     values = model.physical()
-    names = tuple(name for name in values if name in model.law_parameters.raw)  # type: ignore[operator, union-attr]
+    trained = {name: model.map_of(contact_of(name)).law_parameters.raw for name in values}  # type: ignore[union-attr]
+    names = tuple(name for name, raw in trained.items() if plain_name(name) in raw)  # type: ignore[operator]
     nan = float("nan")
     advice = ("a network gives no intervals: start maximum likelihood from its values (refine=true)",)
     return Estimate(

@@ -19,7 +19,7 @@ from ..evaluate.picture import save_png
 from ..evaluate.published import add_published
 from ..evaluate.trajectory import Trajectory, compare
 from ..models import FrictionModel
-from ..physics import LAWS, System
+from ..physics import System
 from .build import Config, build_system
 from .configs import called
 from .experiment import build_data
@@ -27,6 +27,7 @@ from .load import load_run
 from .manifest import write_json
 from .methods import build_methods
 from .provenance import commit, versions
+from .result import truth_at
 from .train import quiet
 from .trajectories import build_trajectories, recorded_trajectories, transferred
 
@@ -50,6 +51,7 @@ def evaluate(cfg: Config) -> dict[str, Any]:
     _check(cfg)
     trained, home, model = load_run(cfg["run"])
     simulated = trained["data"]["name"] == "simulated"
+    _require_own_contacts(trained, home, cfg.get("system"))
     if not simulated:
         _require_own_system(trained, cfg.get("system"))
     away = transferred(trained, cfg.get("system"), cfg["trajectories"]) if simulated else trained
@@ -63,11 +65,15 @@ def evaluate(cfg: Config) -> dict[str, Any]:
     else:
         trajectories = recorded_trajectories(trained, system, data)
     methods = build_methods(cfg, trained, away, home, system, model, data, local)
-    errors, runs = compare(methods, trajectories)
-    surfaces = build_characteristics(cfg, trained, home, model, train)
+    errors, runs, surfaces = dict[str, Any](), dict[str, Any](), dict[str, dict[str, Characteristics]]()
+    for contact, table in methods.items():
+        found, made = compare(table, [trajectory.at(contact) for trajectory in trajectories])
+        errors |= found
+        runs |= made
+        surfaces[contact] = build_characteristics(cfg, trained, home, model, train, contact)
     result = _result(cfg, away, home, system, trajectories, errors, surfaces)
     folder = Path(cfg["run"]) / ("evaluation" if system.name == home.name else f"evaluation_{system.name}")
-    figures = draw(folder / "figures", result, system, methods, trajectories, runs, surfaces)
+    figures = draw(folder / "figures", result, methods, trajectories, runs, surfaces)
     result["figures"] = [str(path.relative_to(folder)) for path in figures]
     result["seconds"] = round(time.perf_counter() - begin, 3)
     write_json(folder / "result.json", result)
@@ -100,23 +106,29 @@ def _require_own_system(trained: Config, system: Mapping[str, Any] | None) -> No
         )
 
 
+def _require_own_contacts(trained: Config, home: System, system: Mapping[str, Any] | None) -> None:
+    if len(home.contacts) > 1 and system is not None and system["name"] != home.name:
+        raise UserError("a model of several contacts is of their system alone", where="system",
+                        received=system["name"], allowed=home.name, fix="leave system out")  # fmt: skip
+
+
 def build_characteristics(
-    cfg: Config, trained: Config, home: System, model: FrictionModel, train: list[ContactTrial]
+    cfg: Config, trained: Config, home: System, model: FrictionModel, train: list[ContactTrial], contact: str = ""
 ) -> dict[str, Characteristics]:
     """Friction characteristics of the run's model and of those named in ``beside``, on the run's grid, by label."""
-    known = trained["data"].get("friction")
-    law, truth = (LAWS[known](), trained["data"]["truth"]) if known else (None, {})
-    models = {trained["model"]["name"].upper(): model}
+    law, truth = truth_at(trained["data"], home, contact)
+    models = {trained["model"]["name"].upper(): model.map_of(contact)}
     for folder in cfg["beside"]:
         other, system, further = load_run(folder)
-        if system.name != home.name:
-            allowed = f"a run on {home.name}"
+        if system.name != home.name or contact not in further.contacts:
+            allowed = f"a run on {home.name}{f' with friction at {contact}' if contact else ''}"
             raise UserError(
                 "run on another system", where="beside", received=f"{folder}, {system.name}", allowed=allowed
             )
         label = other["model"]["name"].upper()
-        models[label if label not in models else f"{label}, {Path(folder).name}"] = further
-    return {label: characteristics(item, home, train, law, truth, int(cfg["grid"])) for label, item in models.items()}
+        models[label if label not in models else f"{label}, {Path(folder).name}"] = further.map_of(contact)
+    at, own, grid = home.at(contact), [trial.at(contact) for trial in train], int(cfg["grid"])
+    return {label: characteristics(item, at, own, law, truth, grid) for label, item in models.items()}
 
 
 def draw_characteristics(cfg: Config, path: Path) -> dict[str, Any]:
@@ -150,8 +162,10 @@ def _result(
     system: System,
     trajectories: list[Trajectory],
     errors: dict[str, Any],
-    surfaces: dict[str, Characteristics],
+    surfaces: dict[str, dict[str, Characteristics]],
 ) -> dict[str, Any]:
+    about = {item.name: item.describe() for contact in surfaces for item in (t.at(contact) for t in trajectories)}
+    told = {contact: _characteristics(home.at(contact), own) for contact, own in surfaces.items()}
     name = away["model"]["name"]
     same = system.name == home.name
     path = Path(cfg["run"]) / "checkpoints" / "best.ckpt"
@@ -165,10 +179,10 @@ def _result(
         "noise": away["noise"],
         "smoothing": away["smoothing"],
         "seeds": cfg["seeds"],
-        "trajectories": {item.name: item.describe() for item in trajectories},
+        "trajectories": {key: about[key] for key in errors},
         "errors": errors,
         "fidelity": fidelity(errors),
-        "characteristics": _characteristics(home, surfaces),
+        "characteristics": told.get("", told),
         "versions": versions(),
         "commit": commit(),
         "config": cfg,

@@ -2,65 +2,151 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
 from ..data.contact import ContactTrial, contact_trials
 from ..data.module import TrajectoryData
 from ..data.split import split_trials
 from ..errors import UserError, choose
-from ..models import MODELS, FrictionModel
+from ..models import MODELS, FrictionModel, SeveralContacts
 from ..models.start import complete, data_scales
-from ..physics import LAWS, System
-from .build import Config, at_one_rate, build_noise, build_recording, build_smoothing, mapping, seed_of
+from ..physics import LAWS, FrictionLaw, System
+from ..physics.base import contact_of, plain_name
+from ..physics.contacts import ContactLaws
+from ..physics.force_balance import check_told
+from .build import (
+    Config,
+    at_one_rate,
+    build_friction,
+    build_noise,
+    build_recording,
+    build_smoothing,
+    law_table,
+    mapping,
+    seed_of,
+)
 
 
 def build_data(cfg: Config, system: System) -> TrajectoryData:
-    """Recording, noise, smoothing and split of the experiment."""
+    """Recording, noise, smoothing and split of the experiment.
+
+    Raises:
+        UserError: several contacts whose friction forces the equations of motion do not tell apart.
+    """
+    contacts = frictional(cfg, system)
     clean = build_recording(cfg["data"], system)
     clean = at_one_rate(clean) if "model" in cfg else clean
     noisy = build_noise(cfg["noise"])(clean, seed_of(cfg))
     table = cfg["data"]
     splits = split_trials(clean.names, table.get("held_out"), table.get("validation"), table.get("training_trials"))
     offline, online = build_smoothing(cfg["smoothing"])
-    trials = contact_trials(noisy, system, offline, online, splits["train"])
+    trials = contact_trials(noisy, system, offline, online, splits["train"], contacts)
     _require_force(trials, splits["train"])
     return TrajectoryData(noisy, trials, splits, cfg["data"].get("steps_per_epoch", 1))
 
 
+def frictional(cfg: Config, system: System) -> list[str] | None:
+    """Names of the contacts that are not declared frictionless; None where the system has one contact.
+
+    Raises:
+        UserError: there is none, or the equations of motion do not tell their friction forces apart.
+    """
+    if len(system.contacts) == 1:
+        return None
+    law = build_friction(cfg["friction"], system)
+    assert isinstance(law, ContactLaws)
+    found = [contact for contact, own in law.laws.items() if own.name != "none"]
+    if not found:
+        raise UserError("no contact with friction", where="friction", received="none everywhere",
+                        allowed="a law for one of " + ", ".join(law.laws))  # fmt: skip
+    check_told(system, found)
+    return found
+
+
 def _require_force(trials: list[ContactTrial], train: list[str]) -> None:
-    if all(float(abs(trial.offline["friction_force"]).max()) == 0.0 for trial in trials if trial.name in train):
-        raise UserError(
-            "the motion implies no friction force at all",
-            where="data",
-            received="0 in every training sample",
-            allowed="a recording in which friction acts",
-            fix="check the mapping of columns and the system's parameters",
-        )
+    for contact in trials[0].contacts:
+        own = [trial.at(contact).offline["friction_force"] for trial in trials if trial.name in train]
+        if all(float(abs(force).max()) == 0.0 for force in own):
+            raise UserError(
+                "the motion implies no friction force at all",
+                where="data",
+                received=f"0 in every training sample{f', {contact}' if contact else ''}",
+                allowed="a recording in which friction acts",
+                fix="check the mapping of columns and the system's parameters",
+            )
 
 
 def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionModel:
     """The variant of the configuration; scales and unspecified start values come from the training trials."""
-    model, friction = dict(cfg["model"]), cfg["friction"]
+    model = dict(cfg["model"])
     kind = choose(model["name"], MODELS, "model")
     train = data.select("train")
-    scales = data_scales(train)
     common = {key: model[key] for key in ("name", "inputs", "network", "loss")}
     given = mapping(model, "windows", "model")
     inputs = model["inputs"] if isinstance(model["inputs"], list) else []
     windows = {name: given.get(name, [[1, 0]]) for name in map(str, inputs)}
-    common |= {"inputs": inputs, "windows": windows, "optimizer": cfg["optimizer"], "scales": scales}
+    common |= {"inputs": inputs, "windows": windows, "optimizer": cfg["optimizer"]}
     common["context"] = {"system": cfg["system"]["name"], "equations": system.equations, "values": dict(system.values)}
+    if len(system.contacts) > 1:
+        share = model.get("share", False)
+        if not isinstance(share, bool):
+            raise UserError("not a switch", where="model.share", received=repr(share), allowed="true or false")
+        own = {name: _map(cfg, system, name, [trial.at(name) for trial in train]) for name in train[0].contacts}
+        return SeveralContacts(**common, contacts=own, balance=_balance_scales(train), share=share)
+    return kind(**common, **_map(cfg, system, "", train))
+
+
+def _map(cfg: Config, system: System, contact: str, train: Sequence[ContactTrial]) -> dict[str, Any]:
+    """What the model of one contact has of its own: scales and, of a PE, law and bristle."""
+    model, friction = cfg["model"], cfg["friction"]
+    scales = data_scales(train)
     if not model["name"].startswith("pe"):
-        return kind(**common)
-    law = choose(friction["name"], LAWS, "friction")()
-    wanted, limits = mapping(friction, "start", "friction"), mapping(friction, "bounds", "friction")
+        return {"scales": scales}
+    law, tables = _law_of(friction, system, contact)
+    wanted = tables["start"]
     if cfg["system"].get("augmented"):
         from ..export.augmented import folded
 
         saved = folded(cfg["system"]["augmented"])[1]
         wanted = {name: saved.get(name) if wanted.get(name) is None else wanted[name] for name in wanted}
-    start, bounds = complete(law, wanted, limits, scales)
-    plain = {"name": law.name, "start": start, "bounds": {key: list(value) for key, value in bounds.items()}}
+    start, bounds = complete(law, wanted, tables["bounds"], scales)
+    plain: dict[str, Any] = {
+        "name": law.name,
+        "start": start,
+        "bounds": {key: list(value) for key, value in bounds.items()},
+    }
     plain |= {
-        "fixed": {key: value for key, value in mapping(friction, "fixed", "friction").items() if value is not None},
+        "fixed": {key: value for key, value in tables["fixed"].items() if value is not None},
         "tie_sigma1": bool(friction.get("tie_sigma1", False)),
     }
-    return kind(**common, law=plain, bristle=model.get("bristle", "load"))
+    return {"scales": scales, "law": plain, "bristle": model.get("bristle", "load")}
+
+
+def _law_of(friction: Config, system: System, contact: str) -> tuple[FrictionLaw, dict[str, dict[str, Any]]]:
+    """The law of a contact, and ``start``, ``bounds`` and ``fixed`` of its parameters."""
+    if not contact:
+        law = choose(friction["name"], LAWS, "friction")()
+        return law, {key: mapping(friction, key, "friction") for key in ("start", "bounds", "fixed")}
+    laws = build_friction(friction, system)
+    known = {par.name for par in laws.at(contact).parameters}
+    tables: dict[str, dict[str, Any]] = {}
+    for key in ("start", "bounds", "fixed"):
+        tables[key] = {
+            plain_name(name): value
+            for name, value in law_table(friction, key, laws).items()
+            if contact_of(name) == contact or (name not in known and not contact_of(name))
+        }
+    return laws.at(contact), tables
+
+
+def _balance_scales(train: Sequence[ContactTrial]) -> list[float]:
+    """Root mean square of what the implied friction forces add to each equation of motion."""
+    parts = []
+    for trial in train:
+        assert trial.slopes is not None
+        forces = np.stack([trial.at(name).offline["friction_force"] for name in trial.contacts], axis=1)
+        parts.append(np.einsum("nik,nk->ni", trial.slopes, forces))
+    return [float(scale) or 1.0 for scale in np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0))]

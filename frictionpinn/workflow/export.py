@@ -16,6 +16,7 @@ from ..export.onnx_model import write_onnx
 from ..export.portable import PortableModel
 from ..models import FrictionModel
 from ..physics import System
+from ..physics.base import at_contact, contact_of, plain_name
 from .build import Config, build_recording
 from .load import load_run, refined
 from .manifest import write_json
@@ -35,11 +36,13 @@ EXPORTS: dict[str, Callable[[Path, FrictionModel, PortableModel], Details]] = {
 def export(cfg: Config) -> dict[str, Details]:
     """Write the run's model in every wanted form to ``<run>/export/<form>/``, with ``export.json`` beside it.
 
+    Of several contacts each has a folder of its own, ``<run>/export/<form>/<contact>/``; of MuJoCo they share one.
+
     Args:
         cfg: resolved conf/evaluate.yaml: run, export (a form of ``EXPORTS`` or a list of them).
 
     Returns:
-        form -> what stands in its ``export.json``.
+        form (``hinge.c`` with several contacts) -> what stands in its ``export.json``.
 
     Raises:
         UserError: an unknown form, an extra that is not installed, a folder that is no run, an export that differs
@@ -49,22 +52,27 @@ def export(cfg: Config) -> dict[str, Details]:
     wanted = cfg["export"] if isinstance(cfg["export"], list) else [cfg["export"]]
     writers = {str(name): choose(str(name), EXPORTS, "export") for name in wanted}
     trained, system, model = load_run(cfg["run"])
-    portable = PortableModel.of(model, system, sampling_interval(trained, system), refined(cfg["run"]))
-    results = {}
-    for name, write in writers.items():
-        folder = Path(cfg["run"]) / "export" / name
-        folder.mkdir(parents=True, exist_ok=True)
-        details = write(folder, model, portable)
-        results[name] = {
-            "model": portable.name,
-            "system": system.name,
-            "interval": {"value": portable.interval, "unit": "s"},
-            **details,
-            "versions": versions(),
-            "commit": commit(),
-        }
-        write_json(folder / "export.json", results[name])
-        log.info(told(name, folder, details))
+    interval, better, results = sampling_interval(trained, system), refined(cfg["run"]), dict[str, Details]()
+    for contact in model.contacts:
+        values = {plain_name(name): value for name, value in better.items() if contact_of(name) == contact}
+        own = model.map_of(contact)
+        portable = PortableModel.of(own, system.at(contact), interval, values)
+        for name, write in writers.items():
+            folder = Path(cfg["run"]) / "export" / name / ("" if name == "mujoco" else contact)
+            folder.mkdir(parents=True, exist_ok=True)
+            details = write(folder, own, portable)
+            results[at_contact(contact, name)] = {
+                "model": portable.name,
+                "system": system.name,
+                **({"contact": contact} if contact else {}),
+                "interval": {"value": portable.interval, "unit": "s"},
+                **details,
+                "versions": versions(),
+                "commit": commit(),
+            }
+            told_in = f"{contact}_export.json" if contact and name == "mujoco" else "export.json"
+            write_json(folder / told_in, results[at_contact(contact, name)])
+            log.info(told(at_contact(contact, name), folder, details))
     return results
 
 

@@ -254,11 +254,8 @@ def _check(cfg: Config) -> None:
         raise UserError("impossible number", where="simulations", received=repr(most), allowed="at least 1, or null")
     system = build_system(cfg["system"])
     law, networks = build_friction(cfg["friction"], system), [method for method in methods if method in NETWORKS]
-    if networks and len(system.contacts) > 1:
-        others = [method for method in ESTIMATORS if method not in NETWORKS]
-        raise UserError("a network learns the friction of one contact", where="methods", received=networks[0],
-                        allowed=", ".join(others), fix="say methods=[maximum_likelihood]")  # fmt: skip
-    if networks and not law.memory:
+    laws = [law.at(contact.name) for contact in system.contacts]
+    if networks and not all(own.memory or own.name == "none" for own in laws):
         raise UserError("a network estimates a law with a bristle state", where="methods", received=networks[0],
                         allowed="maximum_likelihood and searches for this law",
                         fix=f"leave {networks[0]} out, or choose friction=lugre")  # fmt: skip

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import UserError, nearest
-from ..models import MODELS, FrictionEnsemble, FrictionModel
+from ..models import MODELS, FrictionModel, rebuilt
 from ..physics import System, extensions
 from ..physics.mechanism import Mechanism
 from .build import Config, build_system
@@ -41,8 +41,7 @@ def load_run(folder: str | Path, where: str = "run") -> tuple[Config, System, Fr
             allowed=cfg["model"]["name"],
             fix="give a folder that train.py wrote",
         )
-    members = options.get("members")
-    model = FrictionEnsemble.from_hparams(options) if members else MODELS[options["name"]](**options)
+    model = rebuilt(options)
     try:
         model.load_state_dict(checkpoint["state_dict"])
     except (KeyError, RuntimeError) as error:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 from ..data.module import TrajectoryData
 from ..evaluate.network_observer import NetworkObserver, applies
-from ..evaluate.observers import Known, identify, observers
+from ..evaluate.observers import Known, identify, observers, observers_at_contacts
 from ..evaluate.simulators import simulators
-from ..evaluate.yardsticks import Candidate, candidates
+from ..evaluate.yardsticks import Candidate, candidates, candidates_at_contacts
 from ..models import FrictionModel
 from ..physics import LAWS, System
-from .build import Config
+from ..physics.contacts import by_parameter, law_named, laws_of
+from .build import Config, build_friction
 from .rollout import load_in_motion
 
 log = logging.getLogger(__name__)
@@ -26,8 +28,8 @@ def build_methods(
     model: FrictionModel,
     data: TrajectoryData,
     local: TrajectoryData,
-) -> dict[str, Candidate]:
-    """The model first, then what it is measured against, by key.
+) -> dict[str, dict[str, Candidate]]:
+    """Contact -> the model first, then what it is measured against, by key.
 
     Args:
         cfg: of the evaluation: substeps, integrator, identify, simulators.
@@ -38,35 +40,51 @@ def build_methods(
         local: data of the system that is evaluated (the same where nothing is transferred), to which what is not
             friction is tuned: noise levels, smoothness of the inputs.
     """
-    train = data.select("train")
+    train, recording = data.select("train"), local.recording.select(local.splits["train"])
+    if model.contacts != ("",):
+        at_contacts = candidates_at_contacts(model, system, train)
+        seen = observers_at_contacts(system, recording, _known(cfg, trained, away, home, system, model, data))
+        for contact, table in at_contacts.items():
+            table |= seen[contact]
+            if trained["data"]["name"] != "simulated":
+                del table["force_balance"]  # it is what the others are compared with
+        return at_contacts
     in_motion = load_in_motion(cfg["run"], model)
     found = candidates(model, system, train, int(cfg["substeps"]), cfg.get("integrator"), in_motion)
     if applies(system, model):
         label = f"{model.hparams['name'].upper()} in the equation of motion, corrected"
         found["network_observer"] = Candidate(label, NetworkObserver(system, model, local.select("train")))
-    recording = local.recording.select(local.splits["train"])
-    found |= observers(system, recording, _known(cfg, trained, away, home, model, data))
+    found |= observers(system, recording, _known(cfg, trained, away, home, system, model, data))
     if trained["data"]["name"] != "simulated":
         del found["force_balance"]  # it is what the others are compared with
     elif system.name == home.name:
         found |= simulators(cfg["simulators"], system, train)
-    return found
+    return {"": found}
 
 
 def _known(
-    cfg: Config, trained: Config, away: Config, home: System, model: FrictionModel, data: TrajectoryData
+    cfg: Config, trained: Config, away: Config, home: System, system: System, model: FrictionModel, data: TrajectoryData
 ) -> dict[str, Known]:
     """What every observer knows, by key: identified, the model's own, the truth."""
-    law, known = trained["friction"]["name"], dict[str, Known]()
+    several, known = model.contacts != ("",), dict[str, Known]()
+    law: Any = trained["friction"]["name"]
+    if several:
+        declared = build_friction(trained["friction"], home)
+        law = {contact.name: declared.at(contact.name).name for contact in home.contacts}
     if cfg["identify"]:
         log.info("identifying by maximum likelihood on the training trials")
         found = identify(home, law, data.recording.select(data.splits["train"]))
         known |= {"identified": found} if found else {}
     if model.physical():
-        own = model.hparams["law"]["name"]
-        label = f"observer, {model.hparams['name'].upper()}'s {LAWS[own].__name__}"
+        own = law if several else model.hparams["law"]["name"]
+        kind = "laws" if several else LAWS[own].__name__
+        label = f"observer, {model.hparams['name'].upper()}'s {kind}"
         known["observer"] = Known(label, own, model.physical())
     if away["data"].get("truth"):
-        truth = dict(away["data"]["truth"])
-        known["observer_truth"] = Known("observer that knows the truth", away["data"]["friction"], truth)
+        obeyed, truth = away["data"]["friction"], dict(away["data"]["truth"])
+        if several:
+            laws = laws_of(system, law_named(obeyed, "data.friction"))
+            obeyed, truth = {contact.name: laws.at(contact.name).name for contact in system.contacts}, by_parameter(
+                truth, laws)  # fmt: skip
+        known["observer_truth"] = Known("observer that knows the truth", obeyed, truth)
     return known

@@ -13,9 +13,11 @@ from ..identify.likelihood import maximum_likelihood
 from ..identify.problem import Problem
 from ..identify.result import Estimate
 from ..models import FrictionModel
-from ..physics import LAWS, System
+from ..physics import System
+from ..physics.base import contact_of, plain_name
 from ..physics.mechanism import Mechanism
-from .build import Config
+from .build import Config, build_friction, law_table
+from .result import truth_at
 
 log = logging.getLogger(__name__)
 
@@ -41,9 +43,8 @@ def refine(cfg: Config, system: System, data: TrajectoryData, model: FrictionMod
     Returns:
         :meth:`Estimate.to_dict` with ``started_from``, the truth where it is known, and the log-likelihoods of both.
     """
-    mechanism = Mechanism(system, LAWS[cfg["friction"]["name"]]())
-    fixed = {key: value for key, value in (cfg["friction"].get("fixed") or {}).items() if value is not None}
-    bounds = {key: pair for key, pair in (cfg["friction"].get("bounds") or {}).items() if pair is not None}
+    mechanism = Mechanism(system, build_friction(cfg["friction"], system))
+    fixed, bounds = (law_table(cfg["friction"], key, mechanism.law) for key in ("fixed", "bounds"))
     recording = data.recording.select(data.splits["train"])
     problem = Problem(mechanism, recording, fixed=fixed, bounds=bounds)
     start = {name: value for name, value in model.physical().items() if name in problem.names}
@@ -55,11 +56,12 @@ def refine(cfg: Config, system: System, data: TrajectoryData, model: FrictionMod
     scores = {name: log_likelihood(estimate) for name, estimate in found.items()}
     best = max(scores, key=lambda name: scores[name])
     result = found[best].to_dict() | {"started_from": best, "log_likelihood": scores}
-    known = cfg["data"].get("truth") or {}
-    if cfg["data"].get("friction") == cfg["friction"]["name"]:
-        for name, entry in result["parameters"].items():
-            if name in known:
-                entry["truth"] = float(known[name])
+    for contact in model.contacts:
+        obeyed, known = truth_at(cfg["data"], system, contact)
+        if obeyed is not None and obeyed.name == mechanism.law.at(contact).name:
+            for name, entry in result["parameters"].items():
+                if contact_of(name) == contact and plain_name(name) in known:
+                    entry["truth"] = float(known[plain_name(name)])
     return result
 
 

@@ -18,7 +18,9 @@ from ..evaluate.force import CoulombViscousFit, force_errors
 from ..evaluate.picture import save_png
 from ..models import FrictionEnsemble, FrictionModel
 from ..models.base import Batch
-from ..physics import LAWS, System
+from ..physics import LAWS, FrictionLaw, System
+from ..physics.base import at_contact, contact_of, plain_name
+from ..physics.contacts import by_parameter, law_named, laws_of
 from ..physics.mechanism import Mechanism
 from .build import Config
 from .configs import called
@@ -42,18 +44,22 @@ def report(
         training: epochs, device and seconds of the training.
         loggers, step: of the training; they show the figures too.
     """
-    held_out = data.select("held_out")
-    scored = held_out or data.select("train")
-    baseline = CoulombViscousFit(data.select("train"))
-    unit = system.force_unit
-    errors = {
-        "model": force_errors(model, scored),
-        "coulomb_viscous": force_errors(baseline, scored) | {"parameters": baseline.parameters},
-    }
-    told = uncertainty(model, data.select("train"), scored) if isinstance(model, FrictionEnsemble) else None
-    drawn = figures(cfg, system, data, scored, model, baseline, errors, told)
+    held_out, train = data.select("held_out"), data.select("train")
+    scored = held_out or train
+    told = uncertainty(model, train, scored) if isinstance(model, FrictionEnsemble) else None
+    unit, drawn, errors = system.force_unit, dict[str, Figure](), dict[str, dict[str, Any]]()
+    for contact in model.contacts:
+        own, at, here = model.map_of(contact), system.at(contact), [trial.at(contact) for trial in scored]
+        seen = [trial.at(contact) for trial in train]
+        baseline = CoulombViscousFit(seen)
+        errors[contact] = {
+            "model": force_errors(own, here),
+            "coulomb_viscous": force_errors(baseline, here) | {"parameters": baseline.parameters},
+        }
+        law, truth = truth_at(cfg["data"], system, contact)
+        made = figures(at, seen, here, own, baseline, errors[contact], (law, truth), told)
+        drawn |= {f"{name}_{contact}".rstrip("_"): figure for name, figure in made.items()}
     losses = final_losses(model, data.train_batch(model.device))
-    square = f"({unit})^2" if "*" in unit else f"{unit}^2"
     result = {
         **({"ensemble": {"over": cfg["ensemble_over"], "unit": unit, **told}} if told else {}),
         "model": cfg["model"]["name"],
@@ -68,9 +74,8 @@ def report(
         "parameters": parameters(cfg, system, model),
         "force_error": {
             "on": "held-out trials" if held_out else "training trials (none held out)",
-            "unit": {"rmse": unit, "mse": square, "relative": "1"},
             "inputs": "causal: each sample with the samples before it",
-            **errors,
+            **(over_contacts(errors, system) if model.contacts != ("",) else _with_unit(errors[""], unit)),
         },
         "training": {
             **training,
@@ -91,6 +96,44 @@ def report(
     return result
 
 
+def _with_unit(errors: Config, unit: str) -> Config:
+    square = f"({unit})^2" if "*" in unit else f"{unit}^2"
+    return {"unit": {"rmse": unit, "mse": square, "relative": "1"}, **errors}
+
+
+def over_contacts(errors: Mapping[str, Config], system: System) -> Config:
+    """Errors of every contact, and of all of them: over each one's force, the mean square over the contacts."""
+    found: Config = {"unit": {"rmse": "1", "mse": "1", "relative": "1"}}
+    for key in ("model", "coulomb_viscous"):
+        parts = [own[key] for own in errors.values()]
+        shares = {
+            trial: [part["by_trial"][trial] / part["reference_rms"] for part in parts] for trial in parts[0]["by_trial"]
+        }
+        mse = float(np.mean([part["relative"] ** 2 for part in parts]))
+        found[key] = {
+            "mse": mse,
+            "rmse": mse**0.5,
+            "relative": mse**0.5,
+            "reference_rms": 1.0,
+            "reference": parts[0]["reference"],
+            "by_trial": {trial: float(np.sqrt(np.mean(np.square(own)))) for trial, own in shares.items()},
+        }
+    own = {contact: _with_unit(table, system.at(contact).force_unit) for contact, table in errors.items()}
+    return found | {"contacts": own}
+
+
+def truth_at(data: Config, system: System, contact: str) -> tuple[FrictionLaw | None, dict[str, float]]:
+    """The law that simulated data obey at a contact and its parameters; None and nothing where they are not known."""
+    known, truth = data.get("friction"), data.get("truth") or {}
+    if not known:
+        return None, {}
+    if not contact:
+        return LAWS[known](), truth
+    laws = laws_of(system, law_named(known, "data.friction"))
+    own = by_parameter(truth, laws)
+    return laws.at(contact), {plain_name(name): value for name, value in own.items() if contact_of(name) == contact}
+
+
 def final_losses(model: FrictionModel, batch: Batch) -> dict[str, float]:
     """Terms of the loss on the training samples with the weights that are reported; of an ensemble their means."""
     if isinstance(model, FrictionEnsemble):
@@ -103,27 +146,33 @@ def parameters(cfg: Config, system: System, model: FrictionModel) -> dict[str, d
     values = model.physical()
     if not values:
         return {}
-    law = LAWS[cfg["friction"]["name"]]
-    start = model.hparams["law"]["start"]
-    known = cfg["data"].get("truth") or {}
-    same_law = cfg["data"].get("friction") == law.name
-    table, spread, units = {}, member_spread(model), Mechanism(system, law()).read_in
-    for par in law.parameters:
-        entry: dict[str, Any] = {"value": values[par.name], "unit": units[par.name], "text": par.text}
-        entry["start"] = start.get(par.name)
-        entry["trained"] = par.name in model.law_parameters.raw  # type: ignore[union-attr, operator]
-        if par.name in spread:
-            entry["spread"] = spread[par.name]
-        if same_law and par.name in known:
-            entry["truth"] = float(known[par.name])
-        table[par.name] = entry
+    table, spread = {}, member_spread(model)
+    for contact in model.contacts:
+        own = model.map_of(contact)
+        options = own.hparams["law"]
+        law, (obeyed, known) = LAWS[options["name"]](), truth_at(cfg["data"], system, contact)
+        units = Mechanism(system, law).read_in
+        for par in law.parameters:
+            name = at_contact(contact, par.name)
+            entry: dict[str, Any] = {"value": values[name], "unit": units[name], "text": par.text}
+            entry["start"] = options["start"].get(par.name)
+            entry["trained"] = par.name in own.law_parameters.raw  # type: ignore[union-attr, operator]
+            if name in spread:
+                entry["spread"] = spread[name]
+            if obeyed is not None and obeyed.name == law.name and par.name in known:
+                entry["truth"] = float(known[par.name])
+            table[name] = entry
     return table
 
 
 def figures(
-    cfg: Config, system: System, data: TrajectoryData, trials: list[ContactTrial], model, baseline, errors, told=None
+    system: System, train: list[ContactTrial], trials: list[ContactTrial], model, baseline, errors, truth, told=None
 ) -> dict[str, Figure]:
-    """Force over time, force against velocity, what is left of both, and the characteristics beside the true ones."""
+    """Force over time, force against velocity, what is left of both, and the characteristics beside the true ones.
+
+    Args:
+        system, train, trials, model: of one contact; ``truth`` the law there and its parameters.
+    """
     name = model.hparams["name"].upper()
     unit, slip = readable(system.force_unit), readable(f"{system.slip_unit}/s")
     ours, theirs = errors["model"]["rmse"], errors["coulomb_viscous"]["rmse"]
@@ -131,7 +180,8 @@ def figures(
     predicted = {label: [item.predict_trial(trial)["force"] for trial in trials] for label, item in labels.items()}
     k = int(np.argmax([len(trial) for trial in trials]))
     longest = {label: forces[k] for label, forces in predicted.items()}
-    title = f"{name} on {system.title}"
+    contact = system.contacts[0].name if len(system.whole.contacts) > 1 else ""
+    title = f"{name} on {system.title}" + (f", {contact}" if contact else "")
     drawn = {
         "force_over_time": force_over_time(
             trials[k],
@@ -145,9 +195,8 @@ def figures(
         ),
         "residuals": residuals(trials, predicted, unit, f"{title}: what the Coulomb + viscous fit and the model leave"),
     }
-    known = cfg["data"].get("friction") if cfg["data"]["name"] == "simulated" else None
-    law = LAWS[known]() if known else None
-    surface = characteristics(model, system, data.select("train"), law, cfg["data"].get("truth") or {}, GRID)
+    law, values = truth
+    surface = characteristics(model, system, train, law, values, GRID)
     units = {"unit": system.force_unit, "v_slip": {"unit": f"{system.slip_unit}/s"}}
     units["normal_force"] = {"unit": system.force_unit}
     drawn["characteristics"] = characteristics_figure({name: surface}, units)
@@ -156,14 +205,15 @@ def figures(
 
 def doubts(result: Mapping[str, Any]) -> list[str]:
     """What to know before using the model: that it is no better than two numbers, or leaves most of the force."""
-    error, said = result["force_error"], []
-    ours, theirs = error["model"], error["coulomb_viscous"]
-    if ours["rmse"] >= theirs["rmse"]:
-        said.append("the model predicts no better than Coulomb + viscous friction, two numbers")
-    if ours["relative"] > HALF:
-        said.append(f"it leaves {100 * ours['relative']:.0f} % of the force: {called('check')} tells of signs, "
-                    "units and masses")  # fmt: skip
-    untold = [name for name in HARDLY_TOLD if name in result["parameters"] and "refined" not in result]
+    said = []
+    for contact, error in result["force_error"].get("contacts", {"": result["force_error"]}).items():
+        ours, theirs, at = error["model"], error["coulomb_viscous"], f" at {contact}" if contact else ""
+        if ours["rmse"] >= theirs["rmse"]:
+            said.append(f"the model predicts no better{at} than Coulomb + viscous friction, two numbers")
+        if ours["relative"] > HALF:
+            said.append(f"it leaves {100 * ours['relative']:.0f} % of the force{at}: {called('check')} tells of signs, "
+                        "units and masses")  # fmt: skip
+    untold = [name for name in HARDLY_TOLD if name in map(plain_name, result["parameters"]) and "refined" not in result]
     if untold:
         said.append(f"a training hardly tells {', '.join(untold)}: refine=true estimates them with intervals")
     return said
@@ -178,11 +228,12 @@ def summarise(result: Mapping[str, Any], folder: Path) -> str:
     """What a person wants to read after a training."""
     lines = []
     if result["parameters"]:
-        lines.append(f"{'parameter':<10}{'value':>12}  {'unit':<10}{'start':>12}{'truth':>12}")
+        wide = max(10, *(len(name) + 2 for name in result["parameters"]))
+        lines.append(f"{'parameter':<{wide}}{'value':>12}  {'unit':<10}{'start':>12}{'truth':>12}")
         for name, entry in result["parameters"].items():
             truth = f"{entry['truth']:>12.5g}" if "truth" in entry else f"{'':>12}"
             start = f"{entry['start']:>12.5g}" if entry["trained"] else f"{'fixed':>12}"
-            lines.append(f"{name:<10}{entry['value']:>12.5g}  {readable(entry['unit']):<10}{start}{truth}")
+            lines.append(f"{name:<{wide}}{entry['value']:>12.5g}  {readable(entry['unit']):<10}{start}{truth}")
     if "refined" in result:
         refined = result["refined"]
         lines.append(f"refined by maximum likelihood ({refined['outcome']}, {refined['seconds']:.1f} s):")
@@ -190,13 +241,16 @@ def summarise(result: Mapping[str, Any], folder: Path) -> str:
             low, high = (np.nan if bound is None else bound for bound in entry["ci95"])
             value = np.nan if entry["value"] is None else entry["value"]
             truth = f"{entry['truth']:>12.5g}" if "truth" in entry else ""
-            lines.append(f"{name:<10}{value:>12.5g}  {readable(entry['unit']):<10}[{low:.5g}, {high:.5g}]{truth}")
+            lines.append(f"{name:<{wide}}{value:>12.5g}  {readable(entry['unit']):<10}[{low:.5g}, {high:.5g}]{truth}")
         lines += [f"  {sentence}" for sentence in refined["advice"]]
-    error, unit = result["force_error"], readable(result["force_error"]["unit"]["rmse"])
-    lines.append(f"force error on {error['on']}, against the {error['model']['reference']}:")
-    for key, label in (("model", result["model"]), ("coulomb_viscous", "Coulomb + viscous fit")):
-        item = error[key]
-        lines.append(f"  {label:<22}{item['rmse']:>10.4g} {unit} rms  ({100 * item['relative']:.3g} % of the force)")
+    whole = result["force_error"]
+    lines.append(f"force error on {whole['on']}, against the {whole['model']['reference']}:")
+    for contact, error in whole.get("contacts", {"": whole}).items():
+        unit, at = readable(error["unit"]["rmse"]), f", {contact}" if contact else ""
+        for key, label in (("model", result["model"]), ("coulomb_viscous", "Coulomb + viscous fit")):
+            item, told = error[key], f"{label}{at}"
+            lines.append(f"  {told:<{22 + len(at)}}{item['rmse']:>10.4g} {unit} rms  "
+                         f"({100 * item['relative']:.3g} % of the force)")  # fmt: skip
     lines += [f"mind: {sentence}" for sentence in doubts(result)]
     if "ensemble" in result:
         told = result["ensemble"]

@@ -21,8 +21,11 @@ log = logging.getLogger(__name__)
 FILE = "in_motion.ckpt"
 
 
-def check_rollout(cfg: Config) -> None:
+def check_rollout(cfg: Config, system: System) -> None:
     """Raise :class:`UserError` where no single network without a past is trained."""
+    if cfg.get("rollout") and len(system.contacts) > 1:
+        raise UserError("a friction at rest is fitted on a system with one contact", where="rollout", received="true",
+                        allowed=f"false for system={system.name}", fix="leave rollout=false")  # fmt: skip
     if cfg.get("rollout") and (cfg["model"]["name"] not in ("bb1", "pe1") or int(cfg.get("ensemble", 1)) > 1):
         raise UserError(
             "only a single network without a past is fitted in motion",

@@ -68,9 +68,9 @@ def _train(cfg: Config, folder: Path) -> dict[str, Any]:
     check_pairing(cfg)
     size_of(cfg)
     check_refinable(cfg)
-    check_rollout(cfg)
     announce_compilation(cfg)
     system = build_system(cfg["system"])
+    check_rollout(cfg, system)
     data, model = prepare(cfg, system)
     vet(cfg, system, data.recording)
     step = None

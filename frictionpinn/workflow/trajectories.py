@@ -13,7 +13,11 @@ from ..data.simulated import simulate_recording
 from ..errors import UserError
 from ..evaluate.trajectory import Trajectory
 from ..physics import System
+from ..physics.base import plain_name
 from .build import Config, build_noise, build_smoothing, simulated_system
+from .experiment import frictional
+
+REFERENCE = ("friction_force", "normal_force", "v_slip")  # what a measurement is compared with
 
 
 def transferred(trained: Config, system: Mapping[str, Any] | None, chosen: Mapping[str, Any] | None) -> Config:
@@ -67,7 +71,8 @@ def build_trajectories(cfg: Config, system: System, data: TrajectoryData, option
             noisy.append(replace(made, name=f"{trial.name}, seed {seed}"))
             places.append((trial.name, seed))
     offline, online = build_smoothing(cfg["smoothing"])
-    contact = contact_trials(Recording(tuple(noisy), clean.units), system, offline, online, data.splits["train"])
+    everything, own = Recording(tuple(noisy), clean.units), frictional(cfg, system)
+    contact = contact_trials(everything, system, offline, online, data.splits["train"], own)
     seen = dict(zip(places, contact[len(train.trials) :], strict=True))
     return [
         Trajectory(system, trial, {seed: seen[trial.name, seed] for seed in options["seeds"]}) for trial in clean.trials
@@ -89,7 +94,7 @@ def recorded_trajectories(cfg: Config, system: System, data: TrajectoryData) -> 
         if trial.name not in (data.splits["held_out"] or train):
             continue
         contact = data.by_name[trial.name]
-        reference = {name: contact.offline[name] for name in ("friction_force", "normal_force", "v_slip")}
+        reference = {name: x for name, x in contact.offline.items() if plain_name(name) in REFERENCE}
         clean = replace(trial, name=f"trial {trial.name}", signals=signals, truth=reference)
         trajectories.append(Trajectory(system, clean, {int(cfg["seed"]): contact}, "force balance, smoothed"))
     return trajectories

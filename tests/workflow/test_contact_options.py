@@ -10,7 +10,7 @@ from frictionpinn.errors import UserError
 from frictionpinn.physics import SYSTEMS
 from frictionpinn.physics.contacts import by_parameter, law_named, laws_of
 from frictionpinn.workflow.build import build_friction, law_table
-from frictionpinn.workflow.contact_options import contact_options
+from frictionpinn.workflow.contact_options import contact_options, options_of
 from frictionpinn.workflow.identify import identify
 from frictionpinn.workflow.options import composed
 
@@ -34,6 +34,20 @@ def test_values_are_those_of_all_contacts_or_of_one():
         "rail.mu_c": 0.1, "bearing.mu_c": 0.02, "rail.alpha": 2.0, "bearing.alpha": 2.0,
     }  # fmt: skip
     assert by_parameter({"bearing.mu_c": 1.0, "rail": {"mu_c": 2.0}}, law) == {"rail.mu_c": 2.0, "bearing.mu_c": 1.0}
+
+
+@pytest.mark.parametrize(
+    "laws",
+    [
+        {"rail": "lugre", "bearing": "lugre"},
+        {"rail": "none", "bearing": "dahl"},
+        {"rail": "coulomb", "bearing": "lugre"},
+    ],
+)
+def test_laws_as_options_are_the_same_laws_again(laws):
+    law = laws_of(SYSTEMS["cartpole"](), law_named(laws, "friction"))
+    again = friction(*options_of(law))[1]
+    assert [again.at(contact).name for contact in laws] == list(laws.values())
 
 
 def test_options_of_one_law_are_left_as_they_are():
@@ -65,13 +79,13 @@ def test_a_contact_of_a_system_with_one_and_a_contact_without_a_law_are_refused(
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        (["pe2"], ["a network learns the friction of one contact", "maximum_likelihood"]),
+        (["pe2"], ["a network estimates a law with a bristle state", "maximum_likelihood"]),
         ([], ["no estimators"]),
     ],
 )
-def test_what_is_of_one_contact_says_so(tmp_path, given, words):
+def test_methods_that_do_not_suit_the_laws_are_refused(tmp_path, given, words):
     with pytest.raises(UserError) as error:
-        identify(composed("identify", CARTPOLE) | {"methods": given}, tmp_path)
+        identify(composed("identify", [*CARTPOLE, "friction.bearing=coulomb"]) | {"methods": given}, tmp_path)
     assert all(word in str(error.value) for word in words)
 
 

@@ -60,6 +60,13 @@ def test_the_example_of_online_use_runs_as_printed(capsys):
     assert low <= force <= high and abs(mu_c / 3.0 - 1) < 0.05
 
 
+def test_the_example_of_online_use_with_two_contacts_runs_as_printed(capsys):
+    exec(block("python", 'reading.at("load")'), {})
+    shown = re.search(r"(\S+) N m, (\S+) to (\S+)", capsys.readouterr().out)
+    force, low, high = (float(number) for number in shown.groups())
+    assert low <= force <= high and abs(force / -0.4022 - 1) < 0.02
+
+
 def test_the_example_of_two_contacts_runs_as_printed(capsys):
     space = {}
     for text in blocks("python", "TwoBoxes"):

@@ -18,6 +18,13 @@ try:  # the law, generated from its equations; a black box has none
 except ImportError:
     friction_law = None
 
+
+def law_of(description: dict) -> Any:
+    """The module with the law's functions: one for each contact where there are several."""
+    name = description.get("law_module")
+    return importlib.import_module(name) if name else friction_law
+
+
 _NORMAL_SHARE = np.vectorize(lambda u: (1 + math.erf(u / math.sqrt(2))) / 2)
 
 
@@ -43,7 +50,8 @@ class Law:
     signals = ("v_slip", "normal_force")
 
     def __init__(self, description: dict, timestep: float):
-        self.p = tuple(description["parameters"][name]["value"] for name in friction_law.PARAMETERS)
+        self.law = law_of(description)
+        self.p = tuple(description["parameters"][name]["value"] for name in self.law.PARAMETERS)
         self.h = timestep
         self.reset()
 
@@ -53,14 +61,14 @@ class Law:
     def _advance(self, v: float, N: float) -> float:
         middle = v if self.slip is None else (v + self.slip) / 2
         load = N if self.normal is None else (N + self.normal) / 2
-        rate = friction_law.bristle_rate(middle, load, self.z, *self.p)
-        x = friction_law.bristle_slope(middle, load, self.z, *self.p) * self.h
+        rate = self.law.bristle_rate(middle, load, self.z, *self.p)
+        x = self.law.bristle_slope(middle, load, self.z, *self.p) * self.h
         return self.z + self.h * rate * (1 + x / 2 if abs(x) < 1e-8 else math.expm1(x) / x)
 
     def force(self, now: dict) -> float:
         v, N = now["v_slip"], now["normal_force"]
         z = self._advance(v, N)
-        return friction_law.force(v, N, z, friction_law.bristle_rate(v, N, z, *self.p), *self.p)
+        return self.law.force(v, N, z, self.law.bristle_rate(v, N, z, *self.p), *self.p)
 
     def keep(self, now: dict) -> None:
         self.z = self._advance(now["v_slip"], now["normal_force"])
@@ -84,7 +92,8 @@ class Network:
         self.back = np.arange(1, description["samples"]) * round(stride)
         if self.estimator:
             values = {name: entry["value"] for name, entry in description["network_parameters"].items()}
-            self.p, self.stiffness = tuple(values[name] for name in friction_law.PARAMETERS), values["sigma_0"]
+            self.law = law_of(description)
+            self.p, self.stiffness = tuple(values[name] for name in self.law.PARAMETERS), values["sigma_0"]
         self.reset()
 
     def reset(self) -> None:
@@ -135,10 +144,10 @@ class Network:
         z, z_rate = u * self.d["z_scale"]["value"], u_rate * self.d["z_scale"]["value"]
         if self.d["bristle"] != "free":
             place = (0.0, N, 0.0, N_rate) if self.d["bristle"] == "load" else (v, N, v_rate, N_rate)
-            g, g_rate = friction_law.capacity(*place, *self.p)
+            g, g_rate = self.law.capacity(*place, *self.p)
             share = math.tanh(u)
             z, z_rate = share * g / self.stiffness, ((1 - share**2) * u_rate * g + share * g_rate) / self.stiffness
-        return friction_law.force(v, N, z, z_rate, *self.p)
+        return self.law.force(v, N, z, z_rate, *self.p)
 
     def keep(self, now: dict) -> None:
         row = self._row(now)

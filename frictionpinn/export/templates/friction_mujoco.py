@@ -4,6 +4,12 @@
     while data.time < 2.0:
         friction.step(data)  # instead of mujoco.mj_step(model, data)
 
+With several contacts, each in its own joint or between its own bodies:
+
+    frictions = [Friction(model, "law", contact="rail", joint="x", normal=Reaction("cart")),
+                 Friction(model, "law", contact="bearing", joint="theta", normal=Preload(1.0))]
+    step(frictions, data)
+
 Every step solves F = friction(slip velocity and normal force that F leads to) with MuJoCo's own response to F, so that
 neither a stiff bristle nor a steep network limits the timestep. This is a step and not a callback of MuJoCo's because a
 passive force is asked for before the normal force is known, several times a step, and for every model of the process.
@@ -21,6 +27,7 @@ import numpy as np
 from friction_model import Law, Network
 
 HERE = Path(__file__).resolve().parent
+SWEEPS, SETTLED = 50, 1e-6  # over the forces of several contacts, and change of a force, by its scale, that ends them
 
 
 class Reaction:
@@ -78,18 +85,24 @@ class Friction:
         axis: of the world, along which the bodies slip.
         normal: :class:`Reaction`, :class:`Preload` or :class:`Contacts`; for bodies their contacts by default.
         folder: of the exported files.
+        contact: whose friction it is, where several were exported.
 
     ``force``, ``slip`` and ``normal`` hold those of the last step; ``torque`` what the driven joints needed.
     """
 
-    def __init__(self, model, kind="law", *, joint=None, bodies=None, axis=(1.0, 0.0, 0.0), normal=None, folder=HERE):
+    def __init__(
+        self, model, kind="law", *, joint=None, bodies=None, axis=(1.0, 0.0, 0.0), normal=None, folder=HERE, contact=""
+    ):
         if (joint is None) == (bodies is None):
             raise ValueError("give either joint or bodies")
         if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
             raise ValueError("integrator RK4 cannot be split into two halves: use Euler, implicitfast or implicit")
         if joint is not None and normal is None:
             raise ValueError("give the joint's normal force: Reaction(body), Preload(value) or Contacts(first, second)")
-        self.description = json.loads((Path(folder) / "friction_model.json").read_text())
+        name = f"{contact}_friction_model.json".lstrip("_")
+        if not (Path(folder) / name).is_file():
+            raise ValueError(f"no such contact was exported: {contact!r} (no file {name} in {folder})")
+        self.description = json.loads((Path(folder) / name).read_text())
         if kind not in self.description["kinds"]:
             raise ValueError(f"kind {kind!r} is not exported; allowed: {', '.join(self.description['kinds'])}")
         self.model, self.joint, self.bodies, self.axis = model, joint, bodies, np.asarray(axis, float)
@@ -102,6 +115,8 @@ class Friction:
         """Forget the bristle state and the past."""
         self.law.reset()
         self.time, self.force, self.slip, self.normal = -math.inf, 0.0, 0.0, 0.0
+        self.now: dict | None = None
+        self.direction: np.ndarray | None = None
         self.torque: dict[str, float] = {}
 
     def step(self, data, accelerations: dict | None = None) -> float:
@@ -112,14 +127,7 @@ class Friction:
                 found together with the friction force. The frictionless acceleration, which some networks see, is then
                 that under the same motion of these joints, as in training.
         """
-        if data.time < self.time:
-            self.reset()
-        mujoco.mj_step1(self.model, data)
-        self._solve(data, accelerations or {})
-        mujoco.mj_step2(self.model, data)
-        data.qfrc_applied[:] = self.base
-        self.time = data.time
-        return self.force
+        return step([self], data, accelerations)[0]
 
     def _direction(self, data) -> np.ndarray | None:
         """d slip velocity / d qvel; None where the bodies do not touch."""
@@ -144,17 +152,18 @@ class Friction:
         mujoco.mj_fwdConstraint(self.model, data)
         return data.qacc.copy(), self.normal_force(self.model, data)
 
-    def _solve(self, data, accelerations: dict) -> None:
-        self.base, h = data.qfrc_applied.copy(), self.model.opt.timestep
-        direction = self._direction(data)
+    def solve(self, data, accelerations: dict) -> None:
+        """Find the force under what is applied now; ``now`` is the contact that it leads to, None where it is open."""
+        base, h = data.qfrc_applied.copy(), self.model.opt.timestep
+        self.now, self.torque = None, {}
+        self.direction = direction = self._direction(data)
         if direction is None:
-            self.law.reset()
             self.force = self.slip = self.normal = 0.0
             return
         dofs = [int(self.model.joint(name).dofadr[0]) for name in accelerations]
         pushes = [-direction, *np.eye(self.model.nv)[dofs]]
-        qacc, normal = self._respond(data, self.base)
-        answers = [self._respond(data, self.base + push) for push in pushes]
+        qacc, normal = self._respond(data, base)
+        answers = [self._respond(data, base + push) for push in pushes]
         A = np.array([answer - qacc for answer, _ in answers])  # accelerations by unit force
         n = np.array([answer - normal for _, answer in answers])
         wanted = np.array(list(accelerations.values())) - qacc[dofs]
@@ -170,18 +179,62 @@ class Friction:
             return {"v_slip": slip + h * a_slip, "a_slip": a_slip, "normal_force": load, "a_frictionless": a}
 
         if N <= 0:
-            self.law.reset()
             self.force, now = 0.0, state(0.0)
         else:
             scale = self.description["force_scale"]["value"]
             self.force = root(lambda F: F - self.law.force(state(F)), self.force, scale)
-            now = state(self.force)
-            self.law.keep(now)
+            self.now = now = state(self.force)
         torque = torque + by_force * self.force
         self.slip, self.normal = now["v_slip"], now["normal_force"]
         self.torque = dict(zip(accelerations, torque.tolist(), strict=True))
-        data.qfrc_applied[:] = self.base - direction * self.force
-        data.qfrc_applied[dofs] += torque
+
+    def keep(self, time: float) -> None:
+        """Go on to the next step; an open contact forgets its bristle."""
+        self.time = time
+        if self.now is None:
+            self.law.reset()
+        else:
+            self.law.keep(self.now)
+
+    def applied(self) -> np.ndarray:
+        """Generalised force of the friction, shape (nv,)."""
+        return np.zeros(self.model.nv) if self.direction is None else -self.direction * self.force
+
+
+def step(frictions, data, accelerations: dict | None = None) -> list[float]:
+    """One step of MuJoCo with the friction forces of several contacts in it, found together; returns them.
+
+    Each force in turn is solved for under the others, until none changes by more than a millionth of its scale.
+
+    Args:
+        frictions: one :class:`Friction` for each contact.
+        accelerations: as in :meth:`Friction.step`.
+    """
+    model, accelerations = frictions[0].model, accelerations or {}
+    for friction in frictions:
+        if data.time < friction.time:
+            friction.reset()
+    mujoco.mj_step1(model, data)
+    base = data.qfrc_applied.copy()
+    for friction in frictions:
+        friction.direction = friction._direction(data)
+    for _ in range(SWEEPS):
+        settled = True
+        for friction in frictions:
+            before, others = friction.force, [other.applied() for other in frictions if other is not friction]
+            data.qfrc_applied[:] = sum(others, start=base)
+            friction.solve(data, accelerations)
+            settled &= abs(friction.force - before) <= SETTLED * friction.description["force_scale"]["value"]
+        if settled or len(frictions) == 1:
+            break
+    data.qfrc_applied[:] = sum((friction.applied() for friction in frictions), start=base)
+    for name, torque in frictions[-1].torque.items():
+        data.qfrc_applied[int(model.joint(name).dofadr[0])] += torque
+    mujoco.mj_step2(model, data)
+    data.qfrc_applied[:] = base
+    for friction in frictions:
+        friction.keep(data.time)
+    return [friction.force for friction in frictions]
 
 
 def root(miss, guess: float, scale: float) -> float:

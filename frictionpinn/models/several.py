@@ -1,0 +1,127 @@
+"""Several contacts: a map of the same variant for each, trained at once on the balance of all free coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from ..data.contact import ContactTrial
+from ..errors import UserError
+from ..physics.base import at_contact
+from .base import Batch, FrictionModel, check_loss
+from .black_box import BlackBox
+from .parameter_estimator import ParameterEstimator
+
+SLOPES = "slopes"  # J in a batch
+
+
+class SeveralContacts(FrictionModel):
+    """One map for each contact; the loss is the force balance of all free coordinates at once.
+
+    The equations of motion E_i + sum_k J_ik F_k = 0 hold for the implied forces F_k*, and the loss is
+
+        sum_i mean((sum_k J_ik (F_k - F_k*))^2) / scale_i^2 + sum_k lambda mean(residual_k^2),
+
+    with the residual of each contact's bristle for PE. That is the residual of the equations less what no friction
+    force could explain. Every map sees the signals of its own contact. In a batch ``hinge.x`` is the ``x`` of the hinge
+    (see :func:`.base.tensors`), ``slopes`` J of shape (n, equations, contacts).
+
+    Args:
+        contacts: contact -> ``scales`` and, of a PE, ``law`` and ``bristle``, as :class:`FrictionModel` takes them.
+        balance: scale of each equation, the root mean square of sum_k J_ik F_k* over the training trials.
+        share: whether the networks have the same weights; standardisation and the law's parameters stay their own.
+        name, inputs, windows, network, loss, optimizer, context: of every map, see :class:`FrictionModel`.
+    """
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        inputs: list[str],
+        windows: dict[str, list],
+        network: dict[str, Any],
+        loss: dict[str, Any],
+        optimizer: dict[str, Any],
+        contacts: dict[str, dict[str, Any]],
+        balance: list[float],
+        share: bool = False,
+        context: dict[str, Any] | None = None,
+    ):
+        super(FrictionModel, self).__init__()  # the networks are those of the maps
+        self.save_hyperparameters(logger=False)
+        check_loss(loss)
+        if loss["force"] != "normalised":
+            raise UserError("equations of motion in different units cannot be added", where="model.loss.force",
+                            received=loss["force"], allowed="normalised, with several contacts")  # fmt: skip
+        common: dict[str, Any] = {"name": name, "inputs": inputs, "windows": windows, "network": network}
+        common |= {"loss": loss, "optimizer": optimizer, "context": context}
+        kind = ParameterEstimator if name.startswith("pe") else BlackBox
+        self.maps = nn.ModuleDict({contact: kind(**common, **own) for contact, own in contacts.items()})
+        first = self.map_of(next(iter(contacts)))
+        if share:
+            for contact in contacts:
+                self.map_of(contact).network.layers = first.network.layers
+        self.features, self.sees_rates = first.features, first.sees_rates
+        self.loss, self.optimizer_config = dict(loss), dict(optimizer)
+        self.parts: dict[str, Tensor] = {}
+
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """Names of the contacts with friction."""
+        return tuple(self.maps)
+
+    def map_of(self, contact: str) -> FrictionModel:
+        """The model of one contact."""
+        return self.maps[contact]  # type: ignore[return-value]
+
+    def arrays(self, trial: ContactTrial, source: str = "online") -> dict[str, np.ndarray]:
+        assert trial.slopes is not None
+        found = {SLOPES: trial.slopes.astype(np.float32)}
+        for contact in self.contacts:
+            own = self.map_of(contact).arrays(trial.at(contact), source)
+            found |= {at_contact(contact, name): values for name, values in own.items()}
+        return found
+
+    def of_contact(self, batch: Batch, contact: str) -> dict[str, Tensor]:
+        """The batch as one map sees it."""
+        prefix = at_contact(contact, "")
+        return {name.removeprefix(prefix): values for name, values in batch.items() if name.startswith(prefix)}
+
+    def predict(self, batch: Batch) -> dict[str, Tensor]:
+        """What every map says of a batch, ``hinge.force``, each of shape (n, 1)."""
+        found: dict[str, Tensor] = {}
+        for contact in self.contacts:
+            told = self.map_of(contact).predict(self.of_contact(batch, contact))
+            found |= {at_contact(contact, name): value for name, value in told.items()}
+        return found
+
+    def physical(self) -> dict[str, float]:
+        """Values of the physical parameters by contact, ``hinge.mu_c``; none for black boxes."""
+        own = {contact: self.map_of(contact).physical() for contact in self.contacts}
+        return {at_contact(contact, name): value for contact, table in own.items() for name, value in table.items()}
+
+    def losses(self, batch: Batch, outputs: tuple[Tensor, ...] | None = None) -> dict[str, Tensor]:
+        """Terms of the loss: ``force``, of a PE ``consistency`` of all contacts; ``loss`` is their sum."""
+        predicted = self.predict(batch)
+        off = [predicted[at_contact(c, "force")] - batch[at_contact(c, "target")] for c in self.contacts]
+        scale = torch.as_tensor(self.hparams["balance"], dtype=off[0].dtype, device=off[0].device)
+        balance = (batch[SLOPES] @ torch.stack(off, dim=1)).squeeze(-1) / scale
+        parts = {"force": balance.square().mean(0).sum()}
+        told = [self._consistency(batch, predicted, contact) for contact in self.contacts if self.sees_rates]
+        if told:
+            parts["consistency"] = torch.stack(told).sum()
+        parts["loss"] = sum(parts.values(), start=torch.zeros((), device=scale.device))
+        return parts
+
+    def _consistency(self, batch: Batch, predicted: Mapping[str, Tensor], contact: str) -> Tensor:
+        residual, v = predicted[at_contact(contact, "residual")], batch[at_contact(contact, "v")]
+        return self.map_of(contact).consistency(residual, v)
+
+    def fit_scales(self, batch: Batch) -> None:
+        """Standardise the inputs of every network by the training data."""
+        for contact in self.contacts:
+            self.map_of(contact).fit_scales(self.of_contact(batch, contact))
