@@ -18,6 +18,7 @@ from frictionpinn.data.recording import Recording
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.data.split import split_trials
 from frictionpinn.errors import UserError
+from frictionpinn.models.base import tensors
 from frictionpinn.models.features import Features
 from frictionpinn.models.start import data_scales
 from frictionpinn.physics import SYSTEMS
@@ -38,6 +39,9 @@ class Model:
     """What the DataModule asks of a model."""
 
     features = Features.from_config(["v_slip", "normal_force", "a_frictionless"], {"v_slip": [[1, 0], [8, 1]]})
+
+    def arrays(self, trial, source):
+        return tensors(trial, self.features, source)
 
     def fit_scales(self, batch):
         self.scaled_by = batch

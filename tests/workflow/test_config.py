@@ -51,10 +51,6 @@ def test_every_table_of_the_package_has_its_files():
 
 @pytest.mark.parametrize("name", options("system"))
 def test_system_is_simulated_and_learned_from(configure, name):
-    if SYSTEMS[name].contacts:
-        with pytest.raises(UserError, match="several contacts"):
-            build(configure(f"system={name}", "model=pe2", *FEW))
-        return
     data, model = build(configure(f"system={name}", "model=pe2", *FEW))
     assert data.splits["held_out"] and len(data.splits["train"]) >= 2
     assert learns(data, model)
