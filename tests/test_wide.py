@@ -47,11 +47,10 @@ def test_effects_leave_mechanism_and_excitation_as_they_are(seed):
     assert all(len(a) == len(b) and not np.array_equal(a, b) for a, b in pairs)
 
 
-@pytest.mark.parametrize("system", ["pob", "sdob"])
-def test_friction_without_memory_keeps_to_its_cone_while_the_load_changes(system):
-    """A stiff bristle does not: it holds a body whose push falls more slowly than its load."""
-    cases = (draw(seed, effects=False) for seed in range(200, 330))
-    case = next(c for c in cases if c.system == system and c.law == "stribeck" and len(c.clean) < 9000)
+@pytest.mark.parametrize("seed", [356, 261])  # where a push falls more slowly than the load: a pob and a sdob
+def test_friction_without_memory_keeps_to_its_cone_while_the_load_changes(seed):
+    """A stiff bristle does not: it holds the body (27 and 7 % beyond the cone)."""
+    case = draw(seed, effects=False)
     for trial in case.clean.trials:
         force, load, v = (trial.truth[name] for name in ("friction_force", "normal_force", "v_slip"))
         assert np.all(np.abs(force - case.truth["sigma_2"] * v) <= case.truth["mu_s"] * load * (1 + 1e-9))

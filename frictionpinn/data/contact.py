@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UserError
 from ..numerics.smoothing import Signal, Smoother
 from ..numerics.torch_functions import balance_slopes, contact_signals
 from ..physics import System
-from ..physics.base import at_contact, contact_of, plain_name
+from ..physics.base import at_contact, contact_of, place_of, plain_name
 from .recording import Recording, Trial
 
 BASE = ("v_slip", "normal_force", "a_frictionless")
@@ -71,9 +70,7 @@ class ContactTrial:
         Raises:
             UserError: it has no such contact, or none with friction.
         """
-        if contact not in self._views:
-            raise UserError("unknown contact", where="contact", received=contact, allowed=", ".join(self._views))
-        return self._views[contact]
+        return list(self._views.values())[place_of(contact, tuple(self._views))]
 
 
 def contact_trials(

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from ..identify.likelihood import beginnings
-from ..identify.problem import Problem
-from ..identify.trial import TrialModel
-from ..numerics.descent import FAINT, Evaluate, Piece, State, assembled, carried, coarse_to_fine, reduced
 from ..numerics.parallel import in_parallel
-from ..numerics.simulate import ContactLost, SimulationFailed
 from .bench import Bench
 from .candidates import Candidate, impossible
 from .fit import Fit
+from .held_out import Surprise, surprise
 from .scan import Tested
 
 TESTED = 50  # about as many candidates are tested: the chance is that of all of them together
@@ -297,102 +292,7 @@ def _twins(bench: Bench, before: Fit, head: Contender, twins: Sequence[Tested], 
     ]  # fmt: skip
 
 
-def cosine(one: Tested, other: Tested) -> float:
-    """Of what two candidates explain: 1 where the score tests cannot tell them apart, 0 if tested elsewhere."""
-    return abs(float(one.trace @ other.trace)) if len(one.trace) == len(other.trace) else 0.0
-
-
 def needed(tested: Tested, settings: Settings) -> float:
     """Log-likelihood that a candidate must gain, refitted."""
     freedom = max(tested.freedom, 1)
     return float(chi2.isf(10.0**settings.log_p / TESTED, freedom)) / 2
-
-
-def check(bench: Bench, fit: Fit) -> Fit | None:
-    """The held-out trials with the fit's parameters: only their own unknowns are estimated.
-
-    None without such trials, or where they cannot be simulated.
-    """
-    found = _held_out(bench, fit)
-    if found is None:
-        return None
-    problem, models, first, evaluate = found
-    state = _own_unknowns(problem, evaluate, first)
-    return None if state is None else replace(fit, models=models, state=state, minima=())
-
-
-@dataclass(frozen=True)
-class Surprise:
-    """Negative log-likelihood of the held-out trials, their own unknowns at their best.
-
-    Attributes:
-        as_fitted: with the parameters as they were fitted.
-        moved: with these integrated out: what the fitted trials leave open (a static friction above all that they
-            hardly show) the held-out ones may tell. With S the information of the fit on u and C(u) their cost,
-            Laplace's approximation is min_u C(u) + (u - u_fit)' S (u - u_fit) / 2 + log(det(C'' + S) / det S) / 2.
-    """
-
-    as_fitted: float
-    moved: float
-
-
-def surprise(bench: Bench, fit: Fit) -> Surprise | None:
-    """What trials that no fit saw say of a fit; None without such trials, or where they cannot be simulated."""
-    found = _held_out(bench, fit)
-    if found is None:
-        return None
-    problem, _, first, plain = found
-    at, limits, widths = first.u, problem.space.limits, problem.resolutions
-    held = _own_unknowns(problem, plain, first)
-    if held is None or not fit.state.curved:
-        return None if held is None else Surprise(held.cost, held.cost)
-    S = reduced(fit.state)[0] + FAINT * np.eye(len(at))
-
-    def known(state: State) -> State:
-        """The state with what the fit knows as one more piece, without unknowns of its own."""
-        d = state.u - at
-        piece = Piece(0.5 * float(d @ S @ d), {}, gg=S, gl=np.zeros((len(d), 0)), grad_g=S @ d)
-        return State(state.u, (*state.locals, np.zeros(0)), (*state.pieces, piece))
-
-    def evaluate(u, locals_, derivatives, ran: State | None = None, **options):
-        inner = None if ran is None else replace(ran, pieces=ran.pieces[:-1])
-        state = plain(u, locals_[:-1], derivatives, ran=inner, **options)
-        return None if state is None else known(state)
-
-    # A slip a little early or late makes minima: from where the parameters as fitted lead, too.
-    starts = ((first, widths), (held, widths[-1:]))
-    made = [coarse_to_fine(evaluate, known(state), limits, own) for state, own in starts]
-    ends = sorted((s for s in made if s is not None and s.state.curved), key=lambda s: s.state.cost)
-    if not ends:
-        return Surprise(held.cost, held.cost)
-    offered = carried([end.state for end in ends[1:]], ends[0].state.u, limits)
-    best = assembled(evaluate, ends[0], offered, limits).state
-    change = np.linalg.slogdet(reduced(best)[0])[1] - np.linalg.slogdet(S)[1]
-    return Surprise(held.cost, best.cost + 0.5 * float(change))
-
-
-def _own_unknowns(problem: Problem, evaluate: Evaluate, first: State) -> State | None:
-    """Trials at given parameters, their own unknowns estimated: from the coarsest resolution, from the one next to the
-    sample and from the sample alone, and begun at rest; of each trial the best. None where they cannot be simulated."""
-    at, widths = (first.u, first.u), problem.resolutions
-    tries = [(first, widths[-count:]) for count in sorted({1, min(2, len(widths)), len(widths)})]
-    ends = [end for state, own in tries if (end := coarse_to_fine(evaluate, state, at, own))]
-    if not ends:
-        return None
-    best = min(ends, key=lambda end: end.state.cost)
-    begun = [coarse_to_fine(evaluate, state, at, widths[-1:]) for state in beginnings(problem, best.state)]
-    return assembled(evaluate, best, [end.state.locals for end in (*ends, *begun) if end is not None], at).state
-
-
-def _held_out(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], State, Evaluate] | None:
-    """The held-out trials at the fit's parameters: their problem, models, first state, and how it is evaluated."""
-    if bench.checked is None:
-        return None
-    problem = bench.problem_of(bench.checked, fit.names, fit.values, fit.models[0].simulator)
-    problem = problem.varied(prior=False)  # counted once, with the fitted trials
-    u, models = problem.space.to_search(fit.values), problem.trials
-    with suppress(ContactLost, SimulationFailed):
-        models = problem.models_at(u)
-    evaluate = problem.evaluator(models, fit.sigmas)
-    first = evaluate(u, tuple(model.local[: model.size(problem.joint)] for model in models), True)
-    return None if first is None else (problem, models, first, evaluate)

@@ -18,9 +18,9 @@ from ..physics.mechanism import Mechanism
 from ..show import Shown, Table, interval, readable_unit
 from .bench import Bench
 from .candidates import Candidate, Remainder, candidates, effects_for, places, ranges, remainders, scales
-from .contenders import surprise
 from .errors import main_signal
 from .fit import Fit
+from .held_out import surprise
 from .select import Accepted, Refused, Selection, Settings, intervals, select
 from .verdict import NO_VERDICT, Network, Unexplained, gate, judge, train_network
 

@@ -11,7 +11,7 @@ from ..identify.uncertainty import UNTOLD, interval
 from ..progress import Steps
 from .bench import Bench
 from .candidates import Candidate, Remainder, impossible
-from .contenders import Contender, Refused, Settings, cosine, judged, needed, refitted
+from .contenders import Contender, Refused, Settings, judged, needed, refitted
 from .fit import Fit
 from .scan import Scanned, Tested, scan
 from .score import ALIKE
@@ -142,13 +142,18 @@ def _heads(
     heads: list[tuple[Tested, list[Tested]]] = []
     tests = [t for t in tests if t.candidate.name not in banned]
     for t in sorted(tests, key=lambda t: t.log_p):
-        group = next((g for head, g in heads if cosine(head, t) > ALIKE), None)
+        group = next((g for head, g in heads if _cosine(head, t) > ALIKE), None)
         if group is not None:
             group.append(t)
         elif t.log_p < chance and len(heads) < settings.refits:
             heads.append((t, []))
     single = [t for t in tests if t.untested and len(t.candidate.strengths) == 1 and not t.candidate.hidden]
     return heads + [(t, []) for t in sorted(single, key=lambda t: t.candidate.usual)]
+
+
+def _cosine(one: Tested, other: Tested) -> float:
+    """Of what two candidates explain: 1 where the score tests cannot tell them apart, 0 if tested elsewhere."""
+    return abs(float(one.trace @ other.trace)) if len(one.trace) == len(other.trace) else 0.0
 
 
 def _accepted(
@@ -166,7 +171,9 @@ def _accepted(
     same = _equivalents(bench, winner.tested.candidate, winner.fit.values)
     listed = {candidate.name for candidate, _ in others}
     others += [
-        (c, {n: same[n] for n in c.strengths}) for c in options if c.strengths[0] in same and c.name not in listed
+        (c, {n: same[n] for n in c.strengths})
+        for c in options
+        if same.keys() >= {*c.strengths} and c.name not in listed
     ]
     return Accepted(winner.tested.candidate, winner.tested, evidence, tuple(others))
 
@@ -174,12 +181,13 @@ def _accepted(
 def _equivalents(bench: Bench, winner: Candidate, values: Mapping[str, float]) -> dict[str, float]:
     """Strengths that act as the winner's by definition, with the values they would have, see
     :meth:`frictionpinn.physics.effect.Effect.equivalents`."""
-    system, law, (name, *_) = bench.tested.system, bench.tested.law, winner.strengths
     found = {}
-    for pair, factor in (item for e in bench.tested.effects for item in e.equivalents(system, law).items()):
-        for (own, other), times in ((pair, factor), (pair[::-1], 1 / factor)):
-            if own == name:
-                found[other] = times * values[name]
+    for effect in bench.tested.effects:
+        for (one, other), factor in effect.equivalents(bench.tested.system, bench.tested.law).items():
+            if one in winner.strengths:
+                found[other] = factor * values[one]
+            if other in winner.strengths:
+                found[one] = values[other] / factor
     return found
 
 

@@ -15,9 +15,9 @@ from ..numerics.coloured import Noise
 from ..numerics.formula import sparse_formula
 from .bench import Bench
 from .candidates import Remainder
-from .contenders import check
 from .errors import compare, main_signal
 from .fit import Fit
+from .held_out import check
 from .scan import Remaining, Scanned
 from .score import Columns, Normal, linearise, on_probe
 from .select import Accepted, Selection, Settings

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import UserError
-from ..physics.base import contact_of, plain_name
+from ..physics.base import contact_of, place_of, plain_name
 
 
 class ContactLost(UserError):
@@ -96,11 +96,9 @@ class Simulation:
         Raises:
             UserError: there is no such contact.
         """
-        if contact not in self.contacts:
-            raise UserError("unknown contact", where="contact", received=contact, allowed=", ".join(self.contacts))
+        k = place_of(contact, self.contacts)
         if len(self.contacts) == 1:
             return self
-        k = self.contacts.index(contact)
         own = {plain_name(name): x for name, x in self.sensitivities.items() if contact_of(name) == contact}
         values = {name: getattr(self, name)[:, k] for name in ("z", "zdot", "v_slip", "N", "F")}
         return replace(self, **values, sensitivities=self.sensitivities | own, contacts=(contact,))

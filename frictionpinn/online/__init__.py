@@ -3,7 +3,8 @@
 import sys
 
 from .. import Function
-from .estimator import OnlineEstimator, Reading
+from .estimator import OnlineEstimator
+from .reading import Reading
 from .tuning import Tuning, tune
 
 __all__ = ["OnlineEstimator", "Reading", "Tuning", "tune"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from types import ModuleType
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from ..physics.base import at_contact, contact_of
 from ..physics.mechanism import Mechanism
 from .check import check_adapt, check_sensors, finite, parameter_vector
 from .consistency import Consistency
+from .reading import Reading
 from .tuning import Tuning, tune
 
 Z95 = 1.959964
@@ -34,42 +34,6 @@ def _recursions() -> ModuleType:
     from . import recursions
 
     return recursions
-
-
-class Reading(NamedTuple):
-    """Friction force at one instant; with several contacts force, low and high have the shape (contacts,).
-
-    Attributes:
-        t: time, s.
-        force: in the unit of force of its contact.
-        low, high: 95 % interval.
-        status: "ok", "contact lost" (a normal force is not positive), "no solution", or "inconsistent": over the last
-            fifth of a second the samples are further from what the filter expected than its interval allows, see
-            :class:`.consistency.Consistency`. Parameters or noise levels are wrong, a sensor failed, the surface
-            changed: neither force nor interval can be relied on.
-        contacts: names of the contacts.
-    """
-
-    t: float
-    force: Any
-    low: Any
-    high: Any
-    status: str
-    contacts: tuple[str, ...] = ("",)
-
-    def at(self, contact: str) -> Reading:
-        """The reading of one contact: force, low and high are numbers.
-
-        Raises:
-            UserError: there is no such contact.
-        """
-        if contact not in self.contacts:
-            raise UserError("unknown contact", where="contact", received=contact, allowed=", ".join(self.contacts))
-        if len(self.contacts) == 1:
-            return self
-        k = self.contacts.index(contact)
-        force, low, high = (float(values[k]) for values in (self.force, self.low, self.high))
-        return Reading(self.t, force, low, high, self.status, (contact,))
 
 
 class OnlineEstimator:

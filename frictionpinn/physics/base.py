@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -25,6 +25,13 @@ def at_contact(contact: str, name: str) -> str:
 def contact_of(name: str) -> str:
     """The contact in a name: ``hinge`` in ``hinge.mu_c``, nothing in ``mu_c``."""
     return name.rpartition(".")[0]
+
+
+def place_of(contact: str, contacts: Sequence[str]) -> int:
+    """Index of a contact among those of a system; :class:`UserError` where there is none of that name."""
+    if contact not in contacts:
+        raise UserError("unknown contact", where="contact", received=contact, allowed=", ".join(contacts))
+    return contacts.index(contact)
 
 
 def plain_name(name: str) -> str:

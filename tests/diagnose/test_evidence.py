@@ -8,8 +8,8 @@ import pytest
 from test_diagnosis import recorded
 
 from frictionpinn.diagnose.bench import Bench
-from frictionpinn.diagnose.contenders import check, surprise
 from frictionpinn.diagnose.fit import Fit
+from frictionpinn.diagnose.held_out import check, surprise
 from frictionpinn.physics import LAWS
 from frictionpinn.physics.mechanism import Mechanism
 

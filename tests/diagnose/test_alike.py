@@ -1,0 +1,28 @@
+"""What acts the same way is named together, off the beaten path: recordings as benchmarks/wide.py draws them."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+from wide import declared, draw
+
+from frictionpinn.diagnose.diagnosis import diagnose
+
+
+@pytest.mark.parametrize(
+    ("seed", "effect", "strength"),
+    [
+        (150, "sensor_delay", "sensor_delay_x_v_a"),  # the delay of the only input, by definition
+        (142, "inertia", "inertia"),  # a payload: what the law leaves open decides nothing in the held-out trial
+    ],
+)
+def test_the_effect_that_acts_is_named_or_listed_as_alike(seed, effect, strength):
+    case = draw(seed)
+    assert case.effects == (effect,)
+    fitted = case.recording.select(set(case.recording.names) - set(case.held_out))
+    (found,) = diagnose(declared(case), fitted, case.recording.select(set(case.held_out))).accepted
+    values = {n: v for candidate, own in found.alike if candidate.effect == effect for n, v in own.items()}
+    assert values[strength] == pytest.approx(case.values[strength], rel=0.15)
