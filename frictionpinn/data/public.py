@@ -53,6 +53,37 @@ _EMPS = (
 )
 _PENDULUM = f"{_GITHUB}/dynamicslab/MultiArm-Pendulum"
 _PENDULUM_FIT = f"{_PENDULUM}/78ed9353702f1f9e92c74d3bb671a7804fb41fb0/ParameterEstimation/SinglePendulum"
+_UR10E = f"{_GITHUB}/shamilmamedov/dynamic_calibration"
+_UR10E_FILES = {
+    "50sec": (
+        "3afa267a6dca8a91a6938e878a32ca086c5cc606/data_ur10/ur-20_02_12-50sec_12harm.csv",
+        "bb48cca42716a88f8b255d2d1b3eb3fa4a6eac4a9a52b694d4c1066ce8b4ca51",
+    ),
+    "30sec": (
+        "ded626374e0aafe008758e8f5d1b4570c196c759/data_ur10/identification_data/ur-20_02_10-30sec_12harm.csv",
+        "341fff80f177be564c8720ea898165addfd46d7cbe6f3ffd8923eeaae0eef000",
+    ),
+    "40sec": (
+        "3afa267a6dca8a91a6938e878a32ca086c5cc606/data_ur10/ur-20_02_12-40sec_12harm.csv",
+        "1355f739afecc5a9330f906e0c403be0080407f5ce2c26652556fac5748c6236",
+    ),
+    "ptp": (
+        "75b04d420373b7ae5ff27b0179e8a009665ec2af/dataset_ur10e/validation_data/ur-20_01_17-ptp_10_points.csv",
+        "d97a4ac0c8b892b565d12f33af2bf0ef18183f7742e49d847d8ba92a041b56d8",
+    ),
+    "unloaded": (
+        "ded626374e0aafe008758e8f5d1b4570c196c759/data_ur10/identification_data/ur-20_02_19_14harm50sec.csv",
+        "cd503afc985c41a6ad8fbe47d443c961eadbde4822a87ff3e17adcb2a24fa103",
+    ),
+    "loaded": (
+        "3afa267a6dca8a91a6938e878a32ca086c5cc606/data_ur10/ur-20_02_19_14harm50secLoad.csv",
+        "e689a99e5ff00ac38d03a2b9302e77688de0db8388b1d9c0e6aad3f77962758c",
+    ),
+    "urdf": (
+        "b382f14bc40c84e1e0114121b3a697504d7aa6a0/URe/urdf/ur10e.urdf",
+        "0d2abc6ebc70725c691a35aa6c2d03fd6e8158017a1b7da7a10a3ef52de7b821",
+    ),
+}
 _BRFD = f"{_GITHUB}/ARTS-Laboratory/Dataset-Friction-Damper-with-Backlash/0e09aa9d950760277e31c08cd93fd01f39a5af09/data"
 _BRFD_FOLDERS = {2: "dataset-2/characterization%20datasets", 3: "dataset-3/characterization%20tests"}
 BRFD_TENSION_LB = {2: 36, 3: 30}
@@ -136,6 +167,15 @@ DATASETS = {
         licence="CC BY-SA 4.0",
         files=_brfd_files(),
     ),
+    "ur10e": Dataset(
+        folder="ur10e",
+        source="github.com/shamilmamedov/dynamic_calibration",
+        licence="none stated: fetched, never shipped",
+        files={
+            name: RemoteFile(f"{_UR10E}/{path}", path.rpartition("/")[2], sha256)
+            for name, (path, sha256) in _UR10E_FILES.items()
+        },
+    ),
 }
 
 
@@ -171,12 +211,22 @@ def read_brfd(path: Path) -> np.ndarray:
 
 
 def _fetch_bytes(folder: Path, file: RemoteFile) -> Path:
-    path = folder / file.stored
+    path, packed = folder / file.stored, folder / f"{file.stored}.gz"
+    if packed.is_file() and not path.is_file():
+        path = packed
     if not path.is_file():
         _download(file, folder, file.sha256)
-    elif hashlib.sha256(path.read_bytes()).hexdigest() != file.sha256:
+    elif hashlib.sha256(_unpacked(path)).hexdigest() != file.sha256:
         raise _wrong_checksum(path)
     return path
+
+
+def _unpacked(path: Path) -> bytes:
+    """The bytes of a file that may have been gzipped since; none of one that cannot be unpacked."""
+    try:
+        return gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
+    except (EOFError, zlib.error, gzip.BadGzipFile):
+        return b""
 
 
 def _fetch_rows(folder: Path, file: RemoteFile) -> Path:

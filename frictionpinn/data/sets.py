@@ -6,7 +6,7 @@ Where it is not known in which order and after which pauses trials were recorded
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ FIT: dict[str, tuple[str, ...]] = {
     "emps": ("fit",),
     "multiarm_pendulum": ("id_1", "id_2", "id_3", "id_4"),
     "brfd": ("0.25Hz_30lb_0.5in", "0.25Hz_30lb_1.5in", "0.5Hz_30lb_1in", "1Hz_30lb_0.5in"),
+    "ur10e": ("50sec", "30sec", "unloaded", "loaded[0]"),
 }
 HELD_OUT: dict[str, tuple[str, ...]] = {
     "emps": ("pulses",),
@@ -34,7 +35,12 @@ HELD_OUT: dict[str, tuple[str, ...]] = {
         "1Hz_30lb_1.5in",
         "2Hz_30lb_0.5in",
     ),
+    "ur10e": ("40sec", "ptp", "loaded[1]"),
 }
+# Rows that the authors use, and the gains by which they turn currents into torques, N m/A.
+UR10E_ROWS = {"50sec": (355, 5090), "30sec": (635, 3510), "40sec": (500, 4460), "ptp": (700, 4200),
+              "unloaded": (300, 4700), "loaded": (300, 4700)}  # fmt: skip
+UR10E_GAINS = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)
 
 
 def load_emps(
@@ -144,10 +150,44 @@ def load_brfd(dataset: int = 3, cutoff_hz: float = 50.0, rate_hz: float = 128.0)
     return _recording("brfd", trials, {"x": "m", "force": "N", "v": "m/s", "a": "m/s^2"}, files)
 
 
+def load_ur10e(trials: Sequence[str] | None = None, cut: Sequence[str] = ("loaded",)) -> Recording:
+    """Load recordings of the six-joint arm UR10e: about 94 Hz, torques from motor currents.
+
+    Args:
+        trials: names of those wanted: 50sec, 30sec, 40sec (periodic motions of these lengths), ptp (from point to
+            point), unloaded, loaded (one motion, without and with 2.805 kg at the flange). None: all.
+        cut: of them, those that become two halves, ``loaded[0]`` and ``loaded[1]``.
+
+    Returns:
+        Signals q_1 to q_6 (rad), v_1 to v_6 (rad/s), tau_1 to tau_6 (N m, the motors' at the joints).
+
+    Raises:
+        UserError: an unknown trial, or the files cannot be had (see :func:`frictionpinn.data.public.fetch`).
+    """
+    trials = list(UR10E_ROWS if trials is None else trials)
+    for name in trials:
+        choose(name, UR10E_ROWS, "data.options.trials")
+    files = fetch("ur10e", trials)
+    made: list[Trial] = []
+    for name, path in files.items():
+        first, last = UR10E_ROWS[name]
+        rows = np.loadtxt(path, delimiter=",")[first - 1 : last]
+        signals = {f"{kind}_{k + 1}": rows[:, 1 + 6 * block + k] for block, kind in enumerate("qv") for k in range(6)}
+        signals |= {f"tau_{k + 1}": gain * rows[:, 13 + k] for k, gain in enumerate(UR10E_GAINS)}
+        trial = Trial(name, rows[:, 0] - rows[0, 0], signals, start=0.0)
+        half = len(trial) // 2
+        halves = [trial.part(slice(0, half), f"{name}[0]"), trial.part(slice(half, None), f"{name}[1]")]
+        made += halves if name in cut else [trial]
+    units = {name: unit for kind, unit in (("q", "rad"), ("v", "rad/s"), ("tau", "N*m"))
+             for name in (f"{kind}_{k + 1}" for k in range(6))}  # fmt: skip
+    return _recording("ur10e", made, units, files)
+
+
 LOADERS: dict[str, Callable[..., Recording]] = {
     "emps": load_emps,
     "multiarm_pendulum": load_multiarm_pendulum,
     "brfd": load_brfd,
+    "ur10e": load_ur10e,
 }
 
 

@@ -165,7 +165,7 @@ def test_an_unknown_set_or_file_suggests_the_nearest():
 
 def test_every_file_has_a_pinned_address_and_a_checksum():
     files = [file for dataset in DATASETS.values() for file in dataset.files.values()]
-    assert len({file.url for file in files}) == len({file.sha256 for file in files}) == len(files) == 25
+    assert len({file.url for file in files}) == len({file.sha256 for file in files}) == len(files) == 32
     assert all(len(file.sha256) == 64 and "/main/" not in file.url and " " not in file.url for file in files)
 
 

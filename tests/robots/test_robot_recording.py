@@ -1,0 +1,79 @@
+"""Logs of robots: columns by joint, currents with gains, gear and coupling, and what is refused."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from arms import urdf
+
+from frictionpinn.errors import UserError
+
+pytest.importorskip("pinocchio")
+
+from frictionpinn.physics.robot import Robot
+from frictionpinn.robots.recording import read_robot
+
+
+@pytest.fixture
+def robot(tmp_path):
+    return Robot.read(urdf(tmp_path), locked={"finger": 0.0})
+
+
+def log(folder, **change):
+    t = np.arange(200) / 100
+    table = {"time": t}
+    for k in range(3):
+        table |= {f"pos_{k}": np.sin((k + 1) * t), f"cur_{k}": np.cos(t) + k}
+    path = folder / "log.csv"
+    pd.DataFrame(table | change).to_csv(path, index=False)
+    return path
+
+
+COLUMNS = {"t": "time", "q": "pos_*", "current": ["cur_0", "cur_1", "cur_2"]}
+
+
+def test_a_pattern_counts_from_0_or_1_and_a_list_names_columns(tmp_path, robot):
+    recording = read_robot(log(tmp_path), robot, columns=COLUMNS, gains=[1, 2, 3])
+    (trial,) = recording.trials
+    np.testing.assert_allclose(trial.signals["q_3"], np.sin(3 * trial.t))
+    assert set(trial.signals) == {f"{kind}_{k}" for kind in ("q", "tau") for k in (1, 2, 3)} == set(recording.units)
+
+
+def test_torque_is_gain_times_gear_times_coupling_times_current(tmp_path, robot):
+    coupling = np.eye(3)
+    coupling[1, 2] = -0.5
+    recording = read_robot(log(tmp_path), robot, columns=COLUMNS, gains=[0.1, 0.2, 0.3], gear=[100, 50, -50],
+                           coupling=coupling.tolist())  # fmt: skip
+    (trial,) = recording.trials
+    current = np.stack([np.cos(trial.t) + k for k in range(3)])
+    motors = np.array([10, 10, -15])[:, None] * current
+    np.testing.assert_allclose(trial.signals["tau_2"], motors[1] - 0.5 * motors[2])
+    np.testing.assert_allclose(trial.signals["tau_3"], motors[2])
+
+
+def test_degrees_are_a_unit_and_angles_that_wrap_are_unwrapped(tmp_path, robot):
+    t = np.arange(200) / 100
+    turned = np.degrees(4 * t)
+    path = log(tmp_path, pos_0=(turned + 180) % 360 - 180)
+    recording = read_robot(path, robot, columns=COLUMNS, units={"q": "deg", "default": "SI"}, gains=[1, 1, 1])
+    np.testing.assert_allclose(np.diff(recording.trials[0].signals["q_1"]), 0.04, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({}, "currents without gains: robot.gains is nothing"),
+        ({"gains": [1, 2]}, "not one number for each joint: robot.gains is [1, 2]; allowed: 3 numbers"),
+        ({"columns": COLUMNS | {"current": None, "tau": "cur_*"}, "gains": [1, 1, 1]}, "not one column for each joint"),
+        ({"columns": {"t": "time", "q": "pos_*", "tau": "cur_*"}, "gains": [1, 1, 1]}, "gains for torques that were"),
+        ({"columns": {"t": "time", "q": "pos_*"}}, "no torques in the recording"),
+        ({"columns": {"t": "time", "tau": "cur_*"}}, "no positions in the recording"),
+        ({"columns": {"t": "clock", "q": "pos_*"}}, "no time: data.columns.t is 'clock'"),
+        ({"columns": {"t": "time", "p": "pos_*"}}, "unknown option: data.columns is 'p'"),
+        ({"gains": [1, 1, 1], "coupling": [[1, 0], [0, 1]]}, "impossible coupling"),
+        ({"columns": {"t": "time", "q": ["pos_0", "pos_1", "pos_9"], "tau": "cur_*"}}, "unknown column"),
+    ],
+)
+def test_a_log_that_does_not_fit_the_robot_is_refused_in_a_line(tmp_path, robot, change, said):
+    with pytest.raises(UserError) as caught:
+        read_robot(log(tmp_path), robot, **({"columns": COLUMNS} | change))
+    assert said in str(caught.value) and "\n" not in str(caught.value)
