@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import sympy as sp
 
-from .base import Contact, FrictionLaw, Parameter
+from .base import Contact, FrictionLaw, Parameter, sign_smooth
 from .scan import Scan
 from .system import System
 
@@ -147,7 +147,7 @@ V_SIGN = hidden("v_sign", "{L}/s", "transition velocity of the regularised sign 
 
 def direction(c: Contact, p: SimpleNamespace) -> sp.Expr:
     """Sign of the slip velocity, regularised as in the law (v_t), or over v_sign where the law has none."""
-    return sp.tanh(c.v / (p.v_t if hasattr(p, "v_t") else p.v_sign))
+    return sign_smooth(c.v, p.v_t if hasattr(p, "v_t") else p.v_sign)
 
 
 def _has(law: FrictionLaw, name: str) -> bool:

@@ -10,7 +10,7 @@ from ..scan import Scan
 
 
 class Presliding(Effect):
-    """F = F_law + presliding (k z - g tanh(v / v_t)), z' = v - |v| k z / g with k = g(0, N) / presliding_length.
+    """F = F_law + presliding (k z - g sign(v)), z' = v - |v| k z / g with k = g(0, N) / presliding_length.
 
     g is the law's dry friction. The share ``presliding`` of it follows a bristle of stiffness k instead of the sign of
     the velocity: at 1 it is Dahl's model. Only for laws without memory.

@@ -4,7 +4,7 @@ from ..base import MU_C, SIGMA_2, V_T, FrictionLaw, sign_smooth
 
 
 class CoulombViscous(FrictionLaw):
-    """F = mu_c N sign(v) + sigma_2 v, the sign regularised as tanh(v / v_t).
+    """F = mu_c N sign(v) + sigma_2 v, the sign regularised over v_t, see :func:`frictionpinn.physics.base.sign_smooth`.
 
     Units: F in the system's unit of force, sigma_2 in force per slip velocity.
     Source: Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994).

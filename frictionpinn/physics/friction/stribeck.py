@@ -6,7 +6,8 @@ from ..base import ALPHA, MU_C, MU_S, SIGMA_2, V_S, V_T, FrictionLaw, sign_smoot
 class Stribeck(FrictionLaw):
     """F = g(v, N) sign(v) + sigma_2 v with g = N (mu_c + (mu_s - mu_c) exp(-|v/v_s|^alpha)).
 
-    Units: F in the system's unit of force, v_s in slip per second. The sign is regularised as tanh(v / v_t).
+    Units: F in the system's unit of force, v_s in slip per second. The sign is regularised over v_t, see
+    :func:`frictionpinn.physics.base.sign_smooth`.
     Source: Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994).
     """
 
