@@ -72,7 +72,13 @@ class ImposedFriction:
         return np.broadcast_to(np.asarray(force(*along, z, here[0] + here[1] * z, *values), float), t.shape)
 
     def columns(self, motion: Motion, values: Sequence[float], names: Sequence[str]) -> np.ndarray:
-        """dF/dp of named parameters, shape (n, names), by central differences."""
+        """dF/dp of named parameters, shape (n, names): of a bristle, whose path they change, by central differences."""
+        t = motion["t"]
+        if not names:
+            return np.zeros((len(t), 0))
+        if self._compiled[1] is None:
+            slopes = self._slopes(tuple(names))(*(motion.get(name, 0.0) for name in self.symbols), *values)
+            return np.stack([np.broadcast_to(np.asarray(slope, float), t.shape) for slope in slopes], axis=1)
         made = []
         for name in names:
             k, sides = self.names.index(name), []
@@ -82,7 +88,13 @@ class ImposedFriction:
                 moved[k] += sign * size
                 sides.append(self.force(motion, moved))
             made.append((sides[0] - sides[1]) / (2 * size))
-        return np.stack(made, axis=1) if made else np.zeros((len(motion["t"]), 0))
+        return np.stack(made, axis=1)
+
+    def _slopes(self, names: tuple[str, ...]):
+        """Compiled dF/dp of a force without memory."""
+        p = {par.name: par.symbol for par in self.mechanism.parameters}
+        force = self.mechanism.only.friction
+        return _function((*self.symbols.values(), *p.values()), tuple(_slope(force, p[name]) for name in names))
 
     def by_signal(self, motion: Motion, values: Sequence[float], name: str, size: float) -> np.ndarray:
         """dF/d signal at every sample, shape (n,): of a bristle as if the signal changed for longer than it needs."""
@@ -90,8 +102,11 @@ class ImposedFriction:
         return (sides[0] - sides[1]) / (2 * size)
 
 
+_slope = lru_cache(maxsize=4096)(sp.diff)
+
+
 @lru_cache(maxsize=1024)
-def _function(arguments: tuple[sp.Symbol, ...], expr: sp.Expr):
+def _function(arguments: tuple[sp.Symbol, ...], expr: sp.Expr | tuple[sp.Expr, ...]):
     return sp.lambdify(arguments, expr, modules="numpy", cse=True)
 
 

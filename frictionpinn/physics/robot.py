@@ -152,7 +152,7 @@ class Robot:
             result[k] = compute(model, data, *row)[self._order]
         return result
 
-    def gravity_regressor(self, q: np.ndarray, direction: Sequence[float]) -> np.ndarray:
+    def gravity_regressor(self, q: np.ndarray, direction: Sequence[float] | np.ndarray) -> np.ndarray:
         """Y at rest where gravity is ``direction``, m/s^2 in the frame of the base; it is linear in it."""
         before = self.model.gravity.linear.copy()
         try:

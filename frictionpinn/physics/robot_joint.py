@@ -102,4 +102,23 @@ class Temperature(JointEffect):
         return p.temperature * COVARIATE.symbol * law.force(c, p)
 
 
-JOINT_EFFECTS: dict[str, type[Effect]] = {e.name: e for e in (LoadFriction, LoadDirection, Temperature)}
+class ShearThinning(JointEffect):
+    """Viscous friction that grows less than the speed: sigma_2 v becomes sigma_2 v / (1 + shear_thinning |v|).
+
+    Units: shear_thinning per slip velocity: at its inverse the viscous friction is half of what it would be.
+    Neutral: shear_thinning = 0.
+    Occurs: in greased gears: grease thins with the rate of shear, and warms where it is sheared.
+    Experiment: constant speeds over the whole range.
+    """
+
+    name = "shear_thinning"
+    parameters = (strength("shear_thinning", "s/{L}", "inverse of the speed that halves viscous friction", 0.0),)
+
+    def applies(self, system, law, others=()):
+        return super().applies(system, law, others) and any(par.name == "sigma_2" for par in law.parameters)
+
+    def force(self, c, p, law):
+        return p.sigma_2 * c.v * (1 / (1 + p.shear_thinning * sp.Abs(c.v)) - 1)
+
+
+JOINT_EFFECTS: dict[str, type[Effect]] = {e.name: e for e in (LoadFriction, LoadDirection, ShearThinning, Temperature)}

@@ -20,8 +20,13 @@ from ..data.tables import columns_of
 from ..errors import UserError, choose, nearest
 from ..physics.robot import Robot
 
-KINDS = {"q": "positions", "v": "velocities", "tau": "torques", "current": "motor currents",
-         "temperature": "temperatures, or another quantity that friction may depend on"}  # fmt: skip
+KINDS = {
+    "q": "positions",
+    "v": "velocities",
+    "tau": "torques",
+    "current": "motor currents",
+    "temperature": "temperatures, or another quantity that friction may depend on",
+}
 TORQUE_AT = {"motor": True, "link": False}  # whether a torque holds the friction of gear and bearings
 
 
@@ -69,16 +74,25 @@ def read_robot(
     present = columns_of(files[0])
     table = _columns(columns, present, len(robot.joints), str(files[0]))
     if trial_column not in (None, "trial", *present):
-        raise UserError("unknown column", where="data.trial_column", received=repr(trial_column),
-                        allowed=f"{', '.join(present)}, or null", fix=nearest(trial_column, present))  # fmt: skip
+        raise UserError(
+            "unknown column",
+            where="data.trial_column",
+            received=repr(trial_column),
+            allowed=f"{', '.join(present)}, or null",
+            fix=nearest(trial_column, present),
+        )
     given: dict[str, str] = {}
     for name, unit in (units or {"default": "SI"}).items():
         own = [f"{name}_{k + 1}" for k in range(len(robot.joints))] if name in KINDS else [name]
         given |= {n: unit for n in own if n in table or n in ("t", "default") or n not in wanted}
     recording = read_recording(
-        paths, columns=table, units=given, signal_units=wanted,
-        trial_column=trial_column if trial_column in present else None, required=(),
-    )  # fmt: skip
+        paths,
+        columns=table,
+        units=given,
+        signal_units=wanted,
+        trial_column=trial_column if trial_column in present else None,
+        required=(),
+    )
     used = ", ".join(f"{n} from {c}" for n, c in table.items() if n != c) or ", ".join(table)
     return torques(replace(recording, notes=(f"columns used: {used}",)), robot, gains, gear, coupling)
 
@@ -105,29 +119,49 @@ def torques(
     lists = {"robot.gains": gains, "robot.gear": gear}
     for where, values in lists.items():
         if values is not None and (np.shape(values) != (n,) or not np.all(np.asarray(values, float) != 0)):
-            raise UserError("not one number for each joint", where=where, received=list(values),
-                            allowed=f"{n} numbers that are not 0")  # fmt: skip
+            raise UserError(
+                "not one number for each joint",
+                where=where,
+                received=list(values),
+                allowed=f"{n} numbers that are not 0",
+            )
     C = np.eye(n) if coupling is None else np.asarray(coupling, float)
     if C.shape != (n, n) or np.linalg.matrix_rank(C) < n:
-        raise UserError("impossible coupling", where="robot.coupling", received=np.array2string(C, threshold=9),
-                        allowed=f"a {n} x {n} matrix that can be inverted, joints by motors")  # fmt: skip
+        raise UserError(
+            "impossible coupling",
+            where="robot.coupling",
+            received=np.array2string(C, threshold=9),
+            allowed=f"a {n} x {n} matrix that can be inverted, joints by motors",
+        )
     if all(f"tau_{k + 1}" in have for k in range(n)):
         if gains is not None or gear is not None:
-            raise UserError("gains for torques that were recorded", where="robot.gains", received="columns of tau",
-                            allowed="columns of current with gains, or of tau without",
-                            fix="name data.columns.current, or leave robot.gains and robot.gear out")  # fmt: skip
+            raise UserError(
+                "gains for torques that were recorded",
+                where="robot.gains",
+                received="columns of tau",
+                allowed="columns of current with gains, or of tau without",
+                fix="name data.columns.current, or leave robot.gains and robot.gear out",
+            )
         source, scale = "tau", np.ones(n)
     elif all(f"current_{k + 1}" in have for k in range(n)):
         if gains is None:
-            raise UserError("currents without gains", where="robot.gains", received="nothing",
-                            allowed=f"{n} numbers, N m/A", fix="add 'robot.gains=[...]' and, where they are those of "
-                            "the motors' shafts, robot.gear")  # fmt: skip
+            raise UserError(
+                "currents without gains",
+                where="robot.gains",
+                received="nothing",
+                allowed=f"{n} numbers, N m/A",
+                fix="add 'robot.gains=[...]' and, where they are those of the motors' shafts, robot.gear",
+            )
         source, scale = "current", np.asarray(gains, float) * (1.0 if gear is None else np.asarray(gear, float))
     else:
         names = ", ".join(sorted({n.rpartition("_")[0] for n in have})) or "none"
-        raise UserError("no torques in the recording", where="data.columns", received=names,
-                        allowed="tau, or current with robot.gains, for every joint",
-                        fix="name them: data.columns={..., tau: [...]} or {..., current: [...]}")  # fmt: skip
+        raise UserError(
+            "no torques in the recording",
+            where="data.columns",
+            received=names,
+            allowed="tau, or current with robot.gains, for every joint",
+            fix="name them: data.columns={..., tau: [...]} or {..., current: [...]}",
+        )
     trials = []
     for trial in recording.trials:
         motors = np.stack([trial.signals[f"{source}_{k + 1}"] for k in range(n)], axis=1) * scale
@@ -141,14 +175,23 @@ def torques(
 def _columns(given: Mapping[str, Any] | None, present: Sequence[str], count: int, where: str) -> dict[str, str]:
     """Signal -> column."""
     if given is None and present[:1] == ["c1"]:
-        raise UserError("no header row", where=where, received=f"numbers in {len(present)} columns",
-                        allowed="a first row that names the columns, or their places: c1 is the first",
-                        fix="say 'data.columns={t: c1, q: [c2, ...], tau: [...]}'")  # fmt: skip
+        raise UserError(
+            "no header row",
+            where=where,
+            received=f"numbers in {len(present)} columns",
+            allowed="a first row that names the columns, or their places: c1 is the first",
+            fix="say 'data.columns={t: c1, q: [c2, ...], tau: [...]}'",
+        )
     asked = dict(given) if given is not None else {kind: f"{kind}_*" for kind in KINDS if f"{kind}_1" in present}
     table = {"t": str(asked.pop("t", "t"))}
     if table["t"] not in present and not re.match(r".+\[", table["t"]):
-        raise UserError("no time", where="data.columns.t", received=repr(table["t"]), allowed=", ".join(present),
-                        fix=nearest(table["t"], present) or "name its column: data.columns.t=...")  # fmt: skip
+        raise UserError(
+            "no time",
+            where="data.columns.t",
+            received=repr(table["t"]),
+            allowed=", ".join(present),
+            fix=nearest(table["t"], present) or "name its column: data.columns.t=...",
+        )
     for kind, columns in asked.items():
         if re.fullmatch(rf"({'|'.join(KINDS)})_\d+", kind):
             table[kind] = str(columns)
@@ -158,11 +201,20 @@ def _columns(given: Mapping[str, Any] | None, present: Sequence[str], count: int
             first = 0 if columns.replace("*", "0") in present else 1
             columns = [columns.replace("*", str(first + k)) for k in range(count)]
         if not isinstance(columns, list | tuple) or len(columns) != count:
-            raise UserError("not one column for each joint", where=f"data.columns.{kind}", received=columns,
-                            allowed=f"{count} columns, or a pattern such as {kind}_*",
-                            fix="lock joints that were not recorded: robot.locked={finger: 0}")  # fmt: skip
+            raise UserError(
+                "not one column for each joint",
+                where=f"data.columns.{kind}",
+                received=columns,
+                allowed=f"{count} columns, or a pattern such as {kind}_*",
+                fix="lock joints that were not recorded: robot.locked={finger: 0}",
+            )
         table |= {f"{kind}_{k + 1}": str(column) for k, column in enumerate(columns)}
     if missing := [f"q_{k + 1}" for k in range(count) if f"q_{k + 1}" not in table]:
-        raise UserError("no positions in the recording", where="data.columns", received=f"without {missing[0]}",
-                        allowed="q for every joint", fix="name them: data.columns={..., q: [...]}")  # fmt: skip
+        raise UserError(
+            "no positions in the recording",
+            where="data.columns",
+            received=f"without {missing[0]}",
+            allowed="q for every joint",
+            fix="name them: data.columns={..., q: [...]}",
+        )
     return table

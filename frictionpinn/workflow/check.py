@@ -18,6 +18,10 @@ def check(cfg: Config) -> list[Finding]:
     Raises:
         UserError: the recording cannot be read, or a finding is grave.
     """
+    if cfg["system"]["name"] == "robot":
+        from . import robot
+
+        return robot.check(cfg)
     check_pairing(cfg)
     system = build_system(cfg["system"])
     recording = build_noise(cfg["noise"])(build_recording(cfg["data"], system), seed_of(cfg))

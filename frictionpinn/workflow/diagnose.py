@@ -58,6 +58,10 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
     Raises:
         UserError: anything that the user can mend.
     """
+    if cfg["system"]["name"] == "robot":
+        from . import robot
+
+        return robot.diagnose(cfg, folder)
     options = checked(cfg)
     check_pairing(cfg)
     system = build_system(cfg["system"])

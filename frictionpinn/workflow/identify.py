@@ -53,6 +53,10 @@ def identify(cfg: Config, folder: Path) -> dict[str, Any]:
     Raises:
         UserError: anything that the user can mend.
     """
+    if cfg["system"]["name"] == "robot":
+        from . import robot
+
+        return robot.identify(cfg, folder)
     result = compare(cfg)
     folder.mkdir(parents=True, exist_ok=True)
     save_png(error_against_time({cfg["bounds"]["name"]: result}), folder / "error_against_time.png")

@@ -1,0 +1,205 @@
+"""What speaks against a robot's recording before any fit: one line each, with what to do.
+
+Every channel by itself, and velocities against positions, as of any system (:mod:`frictionpinn.data`); then torques
+against the motion (:mod:`.check_balance`); and the motion itself tells which parameters it cannot.
+
+Public: :func:`inspect_robot`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..data.channels import channel_findings
+from ..data.check import check_trial
+from ..data.consistency import derivative_findings
+from ..data.filters import sampled
+from ..data.findings import NO_SLIP, Finding, listed, named_factor
+from ..data.recording import Recording
+from ..errors import UserError
+from ..physics.robot import Base, Robot
+from ..physics.robot_joint import RobotJoint
+from ..physics.system import Coordinate, Input
+from .check_balance import balance_findings, regress, torque_columns
+from .motion import Prepared, prepare, rate_of
+
+LIMIT = 3.0  # times a limit of the file: makers allow overload for moments, and users write limits of their own
+MOVES = 0.02  # rad/s or m/s rms below which a joint stands still: 1 degree a second
+ONE_WAY = 0.02  # share of the time by which a joint must move the other way, too
+UNTOLD = 1e-4  # of the largest singular value of scaled columns: a parameter there is known a hundred times worse
+USUAL_LOAD = 0.05  # friction by transmitted torque in gears
+SEEN = 0.01  # of the friction: a change below is none
+LONGEST_S = 120.0  # of a trial that is looked at: more tells the same
+
+
+def inspect_robot(robot: Robot, recording: Recording, motor: bool = True) -> list[Finding]:
+    """What speaks against a recording of a robot, the grave findings first.
+
+    Args:
+        robot, recording: see :func:`.recording.read_robot`.
+        motor: torques are the motors', with the friction of gear and bearings.
+    """
+    for trial in recording.trials:
+        try:
+            check_trial(trial, recording.source or "recording")
+        except UserError as error:
+            return [Finding(str(error), grave=True)]
+    findings = [f for k in range(len(robot.joints)) for f in _of_joint(robot, recording, k)]
+    findings += _alike(robot, recording)
+    findings += (still := _standing(robot, recording))
+    if not any(f.grave for f in findings):
+        try:
+            trials = prepare(_shortened(recording), robot, Base.of(robot))
+        except UserError as error:
+            return [*findings, Finding(str(error), grave=True)]
+        findings += _limits(robot, trials)
+        if not any(f.grave for f in findings):
+            findings += balance_findings(robot, trials, motor)
+            if not any(f.grave for f in findings):
+                findings += _told(robot, trials, [f.what for f in still])
+    return sorted(findings, key=lambda f: not f.grave)
+
+
+def _shortened(recording: Recording) -> Recording:
+    trials = [t.part(slice(0, max(int(LONGEST_S * rate_of(t)), 2)), t.name) for t in recording.trials]
+    return replace(recording, trials=tuple(trials))
+
+
+def _of_joint(robot: Robot, recording: Recording, k: int) -> list[Finding]:
+    """Single channels of a joint, and its velocity against its position."""
+    kind = type(
+        "OneJoint",
+        (RobotJoint,),
+        {
+            "coordinates": (Coordinate("q", (f"q_{k + 1}", f"v_{k + 1}", f"a_{k + 1}"), ("rad", "rad/s", "rad/s^2")),),
+            "inputs": (Input(f"tau_{k + 1}", "N*m", "torque"),),
+            "applied": lambda self, s, p: {"q": getattr(s, f"tau_{k + 1}_in", 0) or 0},
+        },
+    )
+    system = kind(bool(robot.turns[k]))
+    trials, sigmas = sampled(recording, [f"{n}_{k + 1}" for n in ("q", "v", "tau")])
+    if not trials:
+        return []
+    found = channel_findings(system, recording, trials)
+    if not any(f.grave for f in found):
+        found = [*found, *derivative_findings(system, trials, sigmas)]
+    return found
+
+
+def _alike(robot: Robot, recording: Recording) -> list[Finding]:
+    """Two channels that hold the same, or one that holds nothing."""
+    findings, count = [], len(robot.joints)
+    for kind in ("q", "tau"):
+        values = [np.concatenate([t.signals[f"{kind}_{k + 1}"] for t in recording.trials]) for k in range(count)]
+        for i in range(count):
+            if np.ptp(values[i]) == 0 and kind == "tau":
+                findings.append(Finding(f"tau_{i + 1} is {values[i][0]:g} throughout", "check its column", grave=True))
+            for j in range(i + 1, count):
+                if np.ptp(values[i]) > 0 and np.array_equal(values[i], values[j]):
+                    findings.append(
+                        Finding(f"{kind}_{i + 1} and {kind}_{j + 1} are the same", "check their columns", grave=True)
+                    )
+    return findings
+
+
+def _standing(robot: Robot, recording: Recording) -> list[Finding]:
+    """Joints that do not move, or one way only."""
+    speeds = []
+    for k in range(1, len(robot.joints) + 1):
+        speeds.append(np.concatenate([np.gradient(t.signals[f"q_{k}"], t.t) for t in recording.trials]))
+    moved = [float(np.median(np.abs(v))) + float(np.abs(np.mean(v))) for v in speeds]
+    ranges = [max(float(np.ptp(t.signals[f"q_{k + 1}"])) for t in recording.trials) for k in range(len(speeds))]
+    still = [f"joint_{k + 1}" for k, (m, r) in enumerate(zip(moved, ranges, strict=True)) if r < MOVES or m < 1e-9]
+    findings = []
+    if len(still) == len(speeds):
+        return [Finding(f"{NO_SLIP}: no joint moves", "check the columns of q", grave=True)]
+    if still:
+        findings.append(
+            Finding(
+                f"{listed(still)} hardly move{'s' if len(still) == 1 else ''}: friction there is not told",
+                "move every joint, or lock it: robot.locked",
+            )
+        )
+    for k, v in enumerate(speeds):
+        fast = np.abs(v) > max(0.1 * np.quantile(np.abs(v), 0.99), 1e-12)
+        share = float(np.mean(v[fast] > 0)) if fast.any() else 0.5
+        if f"joint_{k + 1}" not in still and not ONE_WAY < share < 1 - ONE_WAY:
+            findings.append(
+                Finding(
+                    f"joint_{k + 1} moves one way only: its friction and a constant torque are one",
+                    "record both directions",
+                )
+            )
+    return findings
+
+
+def _limits(robot: Robot, trials: Sequence[Prepared]) -> list[Finding]:
+    """Torques and velocities far beyond what the file allows."""
+    findings = []
+    for key, values, name, hint in (
+        (
+            "velocity",
+            [t.v for t in trials],
+            "the rate of q",
+            "data.units={q: deg, default: SI} where it is in degrees, "
+            "or divide by the gear ratio where it is the motor's",
+        ),
+        (
+            "effort",
+            [t.tau for t in trials],
+            "tau",
+            "data.units={tau: N*mm, default: SI}, or columns of current with robot.gains",
+        ),
+    ):
+        largest = np.quantile(np.abs(np.concatenate(values)), 0.99, axis=0)
+        for k, (value, limit) in enumerate(zip(largest, robot.limits[key], strict=True)):
+            if value > LIMIT * limit:
+                findings.append(
+                    Finding(
+                        f"{name}_{k + 1} reaches {value:.3g} where the robot file allows {limit:.3g}, "
+                        f"a factor of {named_factor(value / limit)}",
+                        hint,
+                        grave=True,
+                    )
+                )
+    return findings
+
+
+def _told(robot: Robot, trials: Sequence[Prepared], still: Sequence[str]) -> list[Finding]:
+    """What this motion cannot tell: inertial parameters, and a friction that depends on the load."""
+    findings: list[Finding] = []
+    W = np.concatenate([t.Y_filtered.reshape(-1, t.Y_filtered.shape[2]) for t in trials])
+    base = Base.of(robot)
+    scale = np.maximum(np.linalg.norm(W, axis=0), 1e-300)
+    _, s, V = np.linalg.svd(W / scale, full_matrices=False)
+    weak = np.flatnonzero(s < UNTOLD * s[0])
+    if len(weak):
+        names = {base.names[int(np.argmax(np.abs(V[k])))] for k in weak}
+        joints = sorted({n.rpartition(".")[0] for n in names})
+        findings.append(
+            Finding(
+                f"this motion does not tell {len(weak)} of {len(base.names)} inertial parameters ({listed(joints)})",
+                "held-out motions may show it; move faster and all joints together",
+            )
+        )
+    loads = [
+        np.concatenate([np.abs((t.full @ robot.inertial)[:, k]) for t in trials]) for k in range(len(robot.joints))
+    ]
+    columns, tau = torque_columns(robot, trials), np.concatenate([t.tau for t in trials])
+    blind = []
+    for k, load in enumerate(loads):
+        f = regress(columns[k], tau[:, k], 1.0)
+        friction = float(np.sqrt(np.mean((columns[k][:, 3:5] @ f.c[3:5]) ** 2)))
+        if USUAL_LOAD * float(np.std(load)) < SEEN * friction:
+            blind.append(f"joint_{k + 1}")
+    if blind:
+        findings.append(
+            Finding(
+                f"this recording cannot show load dependence in {listed(blind)}: the transmitted torque hardly varies",
+                "move with the arm stretched and folded, or with a payload",
+            )
+        )
+    return findings

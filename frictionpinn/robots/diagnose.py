@@ -1,0 +1,378 @@
+"""What a robot's declared model lacks, joint by joint.
+
+1. Fit the declared model to the fitted trials (:func:`.identify.identify`).
+2. Score-test every term: effects at each joint with every value of their hidden parameters, effects on the robot as a
+   whole, and, as what no name covers, any smooth function of one variable at each joint. Thresholds count all of them.
+3. At each joint keep the best by its log-likelihood, a parameter's price taken off, if it is significant, if it is
+   worth a share of the joint's friction, and if cross-validation by stretches of time confirms it: what a term takes
+   off stretches that its fit did not see. A term on the robot stands against those of all joints that it would change.
+4. Refit all parameters together with what was kept, and begin again at 2, until nothing is kept.
+5. Drop what the others made superfluous.
+6. Verdict of each joint: what was added, and whether what is left, as a function of one variable, matters.
+
+Held-out trials take no part in any of this: they are for the errors before and after alone.
+
+Public: :func:`diagnose`, :class:`RobotDiagnosis`, :class:`Settings`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..diagnose.verdict import FOUND, NOTHING, PARTLY, UNEXPLAINED
+from .balance import Model, Solution, solve
+from .candidates import AT_JOINTS, ON_ROBOT, Term, at_joint, on_robot, remainders
+from .identify import identify, relative_errors
+from .motion import Prepared
+from .score import Scored, Scorer
+
+SURE = 2.0  # standard errors by which a cross-validated gain is one
+MOST_RIVALS = 3  # that are refitted beside the best: what is scored is linear, what is added is not
+SIMILAR = 0.9  # of the best gain: terms that explain as much are named with it
+ROBOT = "robot"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Thresholds.
+
+    Attributes:
+        log_p: decimal logarithm of the chance of a false alarm over all terms of all joints.
+        worth: root mean square of a term's torque over that of the joint's friction from which it matters.
+        most: effects that are added at a joint, and at the robot, at most.
+        joints, robot: effects that are tried.
+        suspected: trials that may carry a payload; None: all.
+    """
+
+    log_p: float = -4.0
+    worth: float = 0.01
+    most: int = 4
+    joints: tuple[str, ...] = AT_JOINTS
+    robot: tuple[str, ...] = ON_ROBOT
+    suspected: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A term with the best value of its hidden parameters at a fit.
+
+    Attributes:
+        term: what was tried.
+        hidden: that value.
+        scored: what it would do.
+        size: see ``Settings.worth``; the largest of the joints that it changes.
+        rows: samples of a joint.
+        gain: cross-validated gain of log-likelihood, ``error`` its standard error, ``share`` of the squares at its
+            joints; None where it was not asked.
+    """
+
+    term: Term
+    hidden: Mapping[str, float]
+    scored: Scored
+    size: float
+    rows: int
+    at: tuple[int, ...]
+    gain: float | None = None
+    error: float = 0.0
+    share: float = 0.0
+
+    @property
+    def price(self) -> float:
+        """Log-likelihood that its parameters cost (Schwarz)."""
+        return 0.5 * (len(self.scored.step) + len(self.hidden)) * float(np.log(self.rows))
+
+    @property
+    def net(self) -> float:
+        """Gain less price."""
+        return self.scored.gain - self.price
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """A term that was added: how it was when it was, and which others explained as much."""
+
+    tried: Tried
+    alike: tuple[str, ...]
+
+    @property
+    def term(self) -> Term:
+        """The term."""
+        return self.tried.term
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What is left at a joint as a function of one variable.
+
+    Attributes:
+        variables: on which it may depend, the one that explains most first.
+        kind: "force", or "friction" (a share of dry friction).
+        log_p: decimal logarithm of its chance, over all.
+        size: see ``Settings.worth``.
+        x, y: its shape, N m, over the first variable.
+    """
+
+    variables: tuple[str, ...]
+    kind: str
+    log_p: float
+    size: float
+    x: np.ndarray
+    y: np.ndarray
+
+
+@dataclass(frozen=True)
+class RobotDiagnosis:
+    """What was found.
+
+    Attributes:
+        declared, fit: the declared model's fit, and that with what was added.
+        accepted: terms that were added, in their order.
+        refused: term -> why.
+        rest: joint -> what is left that matters.
+        trifles: joint -> what is left that is significant, but too small or not confirmed.
+        verdicts: joint -> verdict; ``robot``: of what acts on it as a whole.
+        errors: trial -> relative torque errors (before, after), shape (2, joints).
+        held_out: names of the trials that took no part.
+        seconds: it took.
+    """
+
+    declared: Solution
+    fit: Solution
+    accepted: tuple[Accepted, ...]
+    refused: Mapping[str, str]
+    rest: Mapping[str, Rest]
+    trifles: Mapping[str, Rest]
+    verdicts: Mapping[str, str]
+    errors: Mapping[str, np.ndarray]
+    held_out: tuple[Prepared, ...]
+    settings: Settings = field(default_factory=Settings)
+    seconds: float = 0.0
+
+    def at(self, joint: int | None) -> list[Accepted]:
+        """What was added at a joint, or on the robot as a whole."""
+        return [a for a in self.accepted if a.term.joint == joint]
+
+
+def diagnose(
+    model: Model, fitted: Sequence[Prepared], held_out: Sequence[Prepared] = (), settings: Settings | None = None
+) -> RobotDiagnosis:
+    """Diagnose a declared model, see the module.
+
+    Args:
+        model: declared, see :func:`.identify.declare`.
+        fitted, held_out: trials.
+    """
+    settings, began = settings or Settings(), time.perf_counter()
+    declared = identify(model, fitted)
+    solution = declared
+    accepted: list[Accepted] = []
+    refused: dict[str, str] = {}
+    for _ in range(settings.most):
+        tried, count = score_all(solution, settings, refused, [a.term for a in accepted])
+        kept = _best(solution, tried, count, settings, refused)
+        if not kept:
+            break
+        grown = solution.model
+        for a in kept:
+            grown = a.term.added(grown, a.tried.hidden, a.tried.scored.step)
+        refit = solve(grown.held_near(), fitted, solution.sigmas)
+        if not refit.cost < solution.cost:
+            break
+        solution, accepted = refit, [*accepted, *kept]
+    solution, accepted = _needed(solution, accepted, refused, settings)
+    for a in accepted:
+        refused.pop(a.term.name, None)
+    rest, trifles = _left(solution, settings)
+    verdicts = {}
+    for k, joint in enumerate(model.names):
+        found = any(a.term.joint == k for a in accepted)
+        verdicts[joint] = (PARTLY if found else UNEXPLAINED) if joint in rest else FOUND if found else NOTHING
+    verdicts[ROBOT] = FOUND if any(a.term.joint is None for a in accepted) else NOTHING
+    trials = [*fitted, *held_out]
+    before, after = relative_errors(declared.model, trials), relative_errors(solution.model, trials)
+    errors = {trial.name: np.stack([before[trial.name], after[trial.name]]) for trial in trials}
+    return RobotDiagnosis(
+        declared,
+        solution,
+        tuple(accepted),
+        refused,
+        rest,
+        trifles,
+        verdicts,
+        errors,
+        tuple(held_out),
+        settings,
+        time.perf_counter() - began,
+    )
+
+
+def frictions(solution: Solution) -> np.ndarray:
+    """Root mean square of the friction of each joint on the fitted trials, N m, shape (joints,)."""
+    parts = np.concatenate([trial.filtered(solution.model.torques(trial)[1]) for trial in solution.trials])
+    return np.maximum(np.sqrt(np.mean(parts**2, axis=0)), 1e-12)
+
+
+def score_all(
+    solution: Solution, settings: Settings, refused: dict[str, str], present: Sequence[Term]
+) -> tuple[list[Tried], int]:
+    """Every term at a fit, with the best value of its hidden parameters, and how many tests that were."""
+    model, trials = solution.model, solution.trials
+    scorer, loads, level = Scorer(solution), [model.loads(t) for t in trials], frictions(solution)
+    found, count, rows = [], 0, sum(len(t.tau) for t in trials)
+    for term in _terms(model, trials, loads, settings, present):
+        best: Tried | None = None
+        kept: tuple[list[np.ndarray], tuple[int, ...]] | None = None
+        number = 0
+        for some, columns, at in term.columns(model, trials, loads):
+            number += len(some)
+            if not all(np.isfinite(c).all() for c in columns):
+                continue
+            for v, scored in enumerate(scorer.test(columns, at, term.strengths)):
+                if not term.possible(scored.step):
+                    scored = replace(scored, gain=0.0, log_p=0.0)
+                if best is None or scored.gain > best.scored.gain:
+                    own = slice(v * term.strengths, (v + 1) * term.strengths)
+                    best = Tried(term, some[v], scored, float(np.max(scored.size / level)), rows, at)
+                    kept = [c[:, own].copy() if len(at) == 1 else c for c in columns], at
+        count += number
+        if best is None or kept is None:
+            refused[term.name] = "could not be tested: its derivatives overflow"
+            continue
+        if best.scored.gain == 0.0:
+            refused[term.name] = (
+                "this motion does not tell it beside what is estimated already, or its sign is impossible"
+            )
+        elif best.net > 0 and best.scored.log_p + np.log10(number) < settings.log_p:
+            gain, error, share = scorer.confirmed(*kept)
+            best = replace(best, gain=gain, error=error, share=share)
+        found.append(best)
+    return found, count
+
+
+def _terms(
+    model: Model, trials: Sequence[Prepared], loads: Sequence[np.ndarray], settings: Settings, present: Sequence[Term]
+) -> Iterator[Term]:
+    taken = {term.name for term in present}
+    for k in range(len(model.names)):
+        yield from (t for t in at_joint(model, k, trials, loads, settings.joints) if t.name not in taken)
+    yield from (t for t in on_robot(model, settings.robot, settings.suspected) if t.name not in taken)
+
+
+def _best(
+    solution: Solution, tried: Sequence[Tried], count: int, settings: Settings, refused: dict[str, str]
+) -> list[Accepted]:
+    """What is added in this round: the best term of each joint, or one on the robot that is better than those of the
+    joints that it changes together."""
+    good = []
+    for t in tried:
+        log_p = t.scored.log_p + float(np.log10(max(count, 1)))
+        if t.scored.gain == 0.0:
+            continue
+        if log_p > settings.log_p:
+            refused[t.term.name] = f"not significant: chance 1e{min(log_p, 0.0):.1f} over all that was tried"
+        elif t.size < settings.worth:
+            refused[t.term.name] = f"significant, but {100 * t.size:.2g} % of the joint's friction"
+        elif t.gain is None or t.gain < max(SURE * t.error, t.price):
+            gain = "nothing" if t.gain is None else f"{t.gain:.3g} +- {t.error:.2g}"
+            refused[t.term.name] = f"not confirmed on stretches that its fit did not see: gain {gain}"
+        else:
+            good.append(t)
+    chosen: list[Tried] = []
+    for joint in {t.term.joint for t in good}:
+        chosen.append(max((t for t in good if t.term.joint == joint), key=lambda t: t.net))
+    on_it = next((t for t in chosen if t.term.joint is None), None)
+    if on_it is not None:
+        # It explains what terms of single joints do, too: the better of both is added, the other asked again.
+        rivals = [t for t in chosen if t.term.joint is not None]
+        strongest = max((t.net for t in rivals), default=-np.inf)
+        chosen = [on_it] if on_it.net > strongest else rivals
+    kept = []
+    for best in chosen:
+        rivals = [o for o in good if o is not best and _where(o) == _where(best) and o.net > SIMILAR * best.net]
+        rivals.sort(key=lambda o: -o.net)
+        t = min([best, *rivals[:MOST_RIVALS]], key=lambda o: _cost(solution, o)) if rivals else best
+        alike = tuple(o.term.name for o in (best, *rivals) if o is not t)
+        for o in good:
+            if o is not t and _where(o) == _where(t):
+                refused[o.term.name] = (
+                    f"explains less than {t.term.name}"
+                    if o.term.name not in alike
+                    else (f"explains about as much as {t.term.name}: the recording hardly tells them apart")
+                )
+        kept.append(Accepted(t, alike))
+    return kept
+
+
+def _where(tried: Tried) -> int:
+    """The joint that a term changes most."""
+    return tried.at[0] if tried.term.joint is not None else int(np.argmax(tried.scored.size))
+
+
+def _cost(solution: Solution, tried: Tried) -> float:
+    """Cost of the model with a term, its parameters paid."""
+    grown = tried.term.added(solution.model, tried.hidden, tried.scored.step)
+    return solve(grown.held_near(), solution.trials, solution.sigmas).cost + tried.price
+
+
+def _needed(
+    solution: Solution, accepted: list[Accepted], refused: dict[str, str], settings: Settings
+) -> tuple[Solution, list[Accepted]]:
+    """Without terms whose strengths may all be 0 beside the others, the least certain first."""
+    while accepted:
+        doubts = []
+        for a in accepted:
+            names = _strengths(a.term, solution.model)
+            sure = max(abs(solution.model.values[n]) / max(solution.errors[n], 1e-300) for n in names)
+            doubts.append((sure, a))
+        least, worst = min(doubts, key=lambda pair: pair[0])
+        if least > 1.96:
+            break
+        refused[worst.term.name] = "its 95 % interval holds zero beside the other effects"
+        model = solution.model
+        gone = _strengths(worst.term, model)
+        values = {**model.values, **dict.fromkeys(gone, 0.0)}
+        if worst.term.joint is not None:
+            gone += [f"{model.names[worst.term.joint]}.{hidden}" for hidden in worst.tried.hidden]
+        free = tuple(n for n in model.free if n not in gone)
+        solution = solve(replace(model, values=values, free=free), solution.trials, solution.sigmas)
+        accepted = [a for a in accepted if a is not worst]
+    return solution, accepted
+
+
+def _strengths(term: Term, model: Model) -> list[str]:
+    if term.whole is not None:
+        return list(term.whole.parameters)
+    assert term.joint is not None and term.candidate is not None
+    return [f"{model.names[term.joint]}.{n}" for n in term.candidate.strengths]
+
+
+def _left(solution: Solution, settings: Settings) -> tuple[dict[str, Rest], dict[str, Rest]]:
+    """What is left at each joint as a function of one variable: what matters, and what is only significant."""
+    model, trials = solution.model, solution.trials
+    scorer, loads, level = Scorer(solution), [model.loads(t) for t in trials], frictions(solution)
+    matters: dict[str, Rest] = {}
+    trifles: dict[str, Rest] = {}
+    for k, joint in enumerate(model.names):
+        found = []
+        for variable, kind, columns, samples, shape in remainders(model, k, trials, loads):
+            (scored,) = scorer.test(columns, (k,), columns[0].shape[1])
+            found.append((scored, variable, kind, columns, samples, shape))
+        tests = len(found) * len(model.names)
+        found.sort(key=lambda f: -f[0].gain)
+        significant = [f for f in found if f[0].log_p + np.log10(tests) < settings.log_p]
+        if not significant:
+            continue
+        scored, variable, kind, columns, samples, shape = significant[0]
+        low, high = np.quantile(np.concatenate(samples), [0.01, 0.99])
+        x = np.linspace(low, high, 60)
+        size = float(scored.size[k] / level[k])
+        names = tuple(dict.fromkeys(f[1] for f in significant if f[0].gain > SIMILAR * scored.gain))
+        rest = Rest(names, kind, scored.log_p + float(np.log10(tests)), size, x, shape(x) @ scored.step)
+        gains = [scorer.confirmed(f[3], (k,))[:2] for f in significant[:3]]
+        confirmed = any(gain > error for gain, error in gains)
+        (matters if confirmed and size >= settings.worth else trifles)[joint] = rest
+    return matters, trifles

@@ -1,0 +1,220 @@
+"""Identification of a robot's joints: a declared model, where its search starts, and what the fit says.
+
+Public: :func:`declare`, :func:`identify`, :func:`relative_errors`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from ..errors import UserError, choose
+from ..physics import LAWS, FrictionLaw
+from ..physics.base import at_contact
+from ..physics.effect import Effect
+from ..physics.effects import EFFECTS
+from ..physics.robot import Base, Robot
+from ..physics.robot_joint import JOINT_EFFECTS
+from .balance import Model, Solution, friction_of, solve
+from .motion import Prepared
+from .recording import joint_names
+
+FREE, KNOWN, PRIOR = "free", "known", "prior"
+SPREAD = 0.3  # of masses, lengths and inertias of a CAD model, relative: cables, covers and oil are not in it
+STRIBECK = (0.02, 0.1, 0.4)  # Stribeck velocities that are tried, of the largest speed
+BRISTLE = (1e-4, 1e-3, 1e-2)  # lengths of a bristle that are tried, rad or m: gears wind up by less than half a degree
+STATIC = 1.2  # static over Coulomb friction at first
+COUPLED = 1e-6  # of its length: an armature's column that others explain up to that is none of its own
+
+
+def joint_effect(name: str) -> Effect:
+    """An effect at a joint, by name."""
+    return choose(name, {**EFFECTS, **JOINT_EFFECTS}, "effects")()
+
+
+def declare(
+    robot: Robot,
+    base: Base,
+    laws: FrictionLaw | Sequence[FrictionLaw],
+    effects: Mapping[str, Sequence[str]] | Sequence[str] = (),
+    inertia: str = FREE,
+    fixed: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None,
+) -> Model:
+    """The declared model of a robot.
+
+    Args:
+        laws: of all joints, or of each.
+        effects: at every joint, or joint -> names.
+        inertia: "free" (base parameters estimated), "known" (those of the file) or "prior" (estimated, held to the
+            file's by a normal prior of 30 %); motors' inertias are estimated unless the file has them and is "known".
+        fixed, start: parameters by full name (``joint_2.mu_c``) or for every joint (``v_s``), SI units: held, or where
+            the search begins.
+
+    Raises:
+        UserError: an unknown effect, joint or parameter.
+    """
+    choose(inertia, dict.fromkeys((FREE, KNOWN, PRIOR)), "robot.inertia")
+    names = joint_names(len(robot.joints))
+    each = [laws] * len(names) if isinstance(laws, FrictionLaw) else list(laws)
+    table = effects if isinstance(effects, Mapping) else {name: list(effects) for name in names}
+    for name in table:
+        choose(name, dict.fromkeys(names), "diagnose.declared")
+    at_joints = tuple(tuple(joint_effect(e) for e in table.get(name, ())) for name in names)
+    model = Model(robot, base, tuple(each), at_joints)
+    values = {f"inertia.{n}": float(b) for n, b in zip(base.names, base.values(robot.inertial), strict=True)}
+    values |= {f"armature.{n}": float(i) for n, i in zip(names, robot.armature, strict=True)}
+    free = [] if inertia == KNOWN else [f"inertia.{n}" for n in base.names]
+    own = independent_armatures(robot, base) if inertia != KNOWN else range(len(names))
+    free += [f"armature.{names[k]}" for k in own if not (inertia == KNOWN and robot.armature.any())]
+    for k in range(len(names)):
+        for full, par in model.parameters(k).items():
+            given = {**(start or {}), **(fixed or {})}
+            value = given.get(full, given.get(par.name))
+            values[full] = float(_usual(par, each[k]) if value is None else value)
+            held = full in (fixed or {}) or par.name in (fixed or {})
+            if not (held or par.hidden or par.name == "preload" or (par.value is not None and par.neutral is None)):
+                free.append(full)
+    known = {*values, *(n.rpartition(".")[2] for n in values)}
+    for name in (*(fixed or {}), *(start or {})):
+        choose(name, dict.fromkeys(known), "friction.fixed")
+    priors = {}
+    if inertia == PRIOR:
+        priors = {
+            f"inertia.{n}": (values[f"inertia.{n}"], s)
+            for n, s in zip(base.names, _file_errors(robot, base), strict=True)
+        }
+    return replace(model, values=values, free=tuple(free), priors=priors)
+
+
+def _usual(par, law: FrictionLaw) -> float:
+    """A value to begin with, before any recording was seen."""
+    if par.value is not None:
+        return par.value
+    return {"mu_c": 1.0, "mu_s": STATIC, "sigma_0": 1e3, "sigma_1": 1.0, "v_s": 0.05}.get(par.name, 1.0)
+
+
+def _file_errors(robot: Robot, base: Base) -> np.ndarray:
+    """Standard deviation of the base parameters where every body's numbers are known up to ``SPREAD``."""
+    deviations = []
+    for inertia in list(robot.model.inertias)[1:]:
+        size = float(np.linalg.norm(inertia.lever)) + float(
+            np.sqrt(np.trace(inertia.inertia) / max(inertia.mass, 1e-9))
+        )
+        deviations += [inertia.mass, *[inertia.mass * size] * 3, *[inertia.mass * size**2] * 6]
+    variances = (SPREAD * np.array(deviations)) ** 2 + 1e-12
+    return np.sqrt(variances[base.columns] + base.mixing**2 @ variances[base.others])
+
+
+def independent_armatures(robot: Robot, base: Base) -> list[int]:
+    """Joints whose motor's inertia is not among the base parameters already: a first joint's turns with its body."""
+    rng = np.random.default_rng(0)
+    shape = (20 * (len(base.columns) + len(robot.joints)), len(robot.joints))
+    q, (v, a) = rng.uniform(-np.pi, np.pi, shape), rng.uniform(-1, 1, (2, *shape))
+    known = base.reduced(robot.regressor(q, v, a)).reshape(-1, len(base.columns))
+    found = []
+    for k in range(len(robot.joints)):
+        armature = np.zeros(shape)
+        armature[:, k] = a[:, k]
+        column = armature.reshape(-1)
+        left = column - known @ np.linalg.lstsq(known, column, rcond=None)[0]
+        if left @ left > COUPLED * (column @ column):
+            found.append(k)
+            known = np.column_stack([known, column])
+    return found
+
+
+def identify(model: Model, trials: Sequence[Prepared]) -> Solution:
+    """Fit a declared model: first with Coulomb and viscous friction, which is linear, then with its laws.
+
+    Where a law has a Stribeck velocity or a bristle, each joint begins where those of a few that fit it best.
+    """
+    trials = list(trials)
+    plain = LAWS["coulomb_viscous"]()
+    linear = [k for k, law in enumerate(model.laws) if law.name not in ("coulomb", "coulomb_viscous", "none")]
+    if linear:
+        first = solve(_with_law(model, plain, linear), trials)
+        found = first.model.values
+        values = dict(model.values) | {n: found[n] for n in model.free if n in found}
+        model = replace(model, values=values)
+        for k in linear:
+            model = _best_start(model, k, trials, first)
+    return solve(model.held_near(), trials)
+
+
+def _with_law(model: Model, law: FrictionLaw, joints: Sequence[int]) -> Model:
+    """The model with another law at some joints, free in what that law has."""
+    laws = [law if k in joints else own for k, own in enumerate(model.laws)]
+    effects = tuple(() if k in joints else e for k, e in enumerate(model.effects))
+    other = replace(model, laws=tuple(laws), effects=effects)
+    values, free = dict(model.values), []
+    for k in range(len(model.names)):
+        for full, par in other.parameters(k).items():
+            values.setdefault(full, 0.0 if par.neutral is not None else par.value if par.value is not None else 1.0)
+            if full in model.free or (k in joints and par.value is None):
+                free.append(full)
+    free = [n for n in model.free if n.startswith(("inertia.", "armature."))] + free
+    return replace(other, values=values, free=tuple(free))
+
+
+def _best_start(model: Model, k: int, trials: Sequence[Prepared], first: Solution) -> Model:
+    """The model with a joint's Stribeck velocity and bristle where its own residual is least, all else linear."""
+    table = model.parameters(k)
+    plain = {par.name: full for full, par in table.items()}
+    fastest = max(float(np.abs(trial.v[:, k]).max()) for trial in trials)
+    level = max(first.model.values[plain["mu_c"]], 1e-3)
+    speeds = [s * fastest for s in STRIBECK] if "v_s" in plain and plain["v_s"] in model.free else [None]
+    lengths = BRISTLE if "sigma_0" in plain and plain["sigma_0"] in model.free else [None]
+    friction = friction_of(model.laws[k], model.effects[k], bool(model.robot.turns[k]))
+    linear = [n for n in ("mu_c", "sigma_2") if n in plain and plain[n] in model.free]
+    loads = [first.model.loads(trial) for trial in trials]
+    rest = []  # what the friction of this joint must explain: measured torque less bodies
+    for trial, load in zip(trials, loads, strict=True):
+        bodies = load[:, k] + first.model.values[f"armature.{model.names[k]}"] * trial.a[:, k]
+        rest.append(trial.tau[:, k] - trial.filtered(bodies))
+    best: tuple[float, dict[str, float]] = (np.inf, {})
+    for speed, length in product(speeds, lengths):
+        values = dict(model.values) | {plain["mu_c"]: level}
+        if "mu_s" in plain and plain["mu_s"] in model.free:
+            values[plain["mu_s"]] = STATIC * level
+        if speed is not None:
+            values[plain["v_s"]] = speed
+        if length is not None:
+            values[plain["sigma_0"]] = level / length
+            if "sigma_1" in plain and plain["sigma_1"] in model.free:
+                values[plain["sigma_1"]] = 0.1 * level / max(fastest, 1e-9)
+        squares = 0.0
+        for trial, load, wanted in zip(trials, loads, rest, strict=True):
+            motion, own = model.motion(trial, k, load), model.own_values(k, values)
+            F = trial.filtered(friction.force(motion, own))
+            columns = trial.filtered(friction.columns(motion, own, linear)) if linear else np.zeros((len(F), 0))
+            columns = np.column_stack([columns, np.ones(len(F))])
+            left = wanted - F - columns @ np.linalg.lstsq(columns, wanted - F, rcond=None)[0]
+            squares += float(left @ left)
+        if squares < best[0]:
+            best = squares, values
+    return replace(model, values=best[1])
+
+
+def relative_errors(model: Model, trials: Sequence[Prepared]) -> dict[str, np.ndarray]:
+    """Trial -> norm of the torque error over the norm of the torque of each joint, shape (joints,)."""
+    found = {}
+    for trial in trials:
+        left = model.recorded(trial) - trial.tau
+        found[trial.name] = np.linalg.norm(left, axis=0) / np.maximum(np.linalg.norm(trial.tau, axis=0), 1e-300)
+    return found
+
+
+def check_joint(name: str, names: Sequence[str], where: str) -> int:
+    """Index of a joint by its name in results; :class:`UserError` for an unknown one."""
+    if name not in names:
+        raise UserError("unknown joint", where=where, received=repr(name), allowed=", ".join(names))
+    return list(names).index(name)
+
+
+def full_name(joint: str, parameter: str) -> str:
+    """``joint_2.mu_c``."""
+    return at_contact(joint, parameter)
