@@ -9,15 +9,16 @@ tau the torques of the motors at the joints, pi ten inertial parameters of each 
 motors' inertia seen at the joint (armature) and F the joints' friction, which a robot file's own damping and friction
 are no part of.
 
-Public: :class:`Robot` (``read``, ``inverse_dynamics``, ``regressor``, ``gravity_regressor``, ``payload_regressor``,
-``inertial``, ``armature``, ``limits``), :class:`Base` (``of``, ``reduced``, ``values``) and ``INERTIAL``. Arrays are
-in SI units, samples first: q, v, a and tau have the shape (n, joints), a regressor (n, joints, columns).
+Public: :class:`Robot` (``read``, ``inverse_dynamics``, ``linearised``, ``energy``, ``regressor``,
+``gravity_regressor``, ``payload_regressor``, ``with_inertia``, ``inertial``, ``armature``, ``limits``), :class:`Base`
+(``of``, ``reduced``, ``values``) and ``INERTIAL``. Arrays are in SI units, samples first: q, v, a and tau have the
+shape (n, joints), a regressor (n, joints, columns).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -128,14 +129,24 @@ class Robot:
     def _configured(self, q: np.ndarray) -> np.ndarray:
         """The model's configurations, shape (n, nq): of a joint without limits cosine and sine of its angle."""
         made = np.zeros((len(q), self.model.nq))
-        for k, name in enumerate(self.joints):
-            own = self.model.joints[self.model.getJointId(name)]
-            made[:, own.idx_q : own.idx_q + own.nq] = _place(own.nq, q[:, k])
+        for k, (first, size) in enumerate(self._places):
+            made[:, first : first + size] = _place(size, q[:, k])
         return made
 
+    @cached_property
+    def _places(self) -> list[tuple[int, int]]:
+        """First index and number of each joint's configuration."""
+        own = [self.model.joints[self.model.getJointId(name)] for name in self.joints]
+        return [(joint.idx_q, joint.nq) for joint in own]
+
     def _motion(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> list[np.ndarray]:
-        placed = np.argsort(self._order)
+        placed = self._placed
         return [self._configured(q), np.ascontiguousarray(v[:, placed]), np.ascontiguousarray(a[:, placed])]
+
+    @cached_property
+    def _placed(self) -> np.ndarray:
+        """Joint of each of the model's velocities, shape (joints,)."""
+        return np.argsort(self._order)
 
     # dynamics --------------------------------------------------------------------------------------------------
     def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -143,6 +154,32 @@ class Robot:
         rnea, model, data = _pinocchio().rnea, self.model, self._data
         motion = self._motion(q, v, a)
         return np.array([rnea(model, data, *row) for row in zip(*motion, strict=True)])[:, self._order]
+
+    def linearised(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Inverse dynamics of one motion, all of shape (joints,), and its derivatives in q, v and a, (joints, joints).
+
+        Source: Carpentier and Mansard, Analytical derivatives of rigid body dynamics algorithms, RSS (2018).
+        """
+        order, data = self._order, self._data
+        motion = (x[0] for x in self._motion(q[None], v[None], a[None]))
+        slopes = _pinocchio().computeRNEADerivatives(self.model, data, *motion)
+        return data.tau[order], *(slope[order[:, None], order] for slope in slopes)
+
+    def energy(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Kinetic (armatures included) and potential energy together, J, shape (n,)."""
+        compute, model, data = _pinocchio().computeMechanicalEnergy, self.model, self._data
+        placed, speeds, _ = self._motion(q, v, v)
+        return np.array([compute(model, data, *row) for row in zip(placed, speeds, strict=True)])
+
+    def with_inertia(self, inertial: np.ndarray, armature: np.ndarray) -> Robot:
+        """The robot with other bodies, pi of shape (10 bodies,), and other armatures, shape (joints,)."""
+        pin, model = _pinocchio(), self.model.copy()
+        for k, own in enumerate(np.reshape(inertial, (-1, 10)), 1):
+            model.inertias[k] = pin.Inertia.FromDynamicParameters(np.array(own))
+        values = np.zeros(model.nv)
+        values[self._order] = armature
+        model.armature = values
+        return replace(self, model=model)
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Y with Y pi = inverse dynamics without armatures, shape (n, joints, 10 bodies), bodies as in ``inertial``."""

@@ -1,0 +1,149 @@
+"""An identified robot: its bodies, its motors' inertias and the friction of each joint, all with their values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..errors import UserError, choose, nearest
+from ..numerics.imposed import ImposedFriction
+from ..physics import FrictionLaw
+from ..physics.base import at_contact
+from ..physics.effect import Effect
+from ..physics.effects import EFFECTS
+from ..physics.friction import CONTACT_LAWS
+from ..physics.mechanism import Mechanism
+from ..physics.robot import Robot
+from ..physics.robot_joint import JOINT_EFFECTS, RobotJoint
+from .recording import joint_names
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A robot with friction: tau = Y pi + I_a a + F(v, load, z), see :mod:`frictionpinn.physics.robot`.
+
+    Attributes:
+        robot: its bodies; armatures are those of the motors.
+        mechanisms: friction of each joint: law and effects.
+        values: parameter -> value by full name, ``joint_2.mu_c``, SI units.
+    """
+
+    robot: Robot
+    mechanisms: tuple[Mechanism, ...]
+    values: Mapping[str, float]
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        friction: str | FrictionLaw | Sequence[str | FrictionLaw] = "none",
+        values: Mapping[str, float] | None = None,
+        effects: Mapping[str, Sequence[str]] | Sequence[str] = (),
+        armature: Sequence[float] | None = None,
+    ) -> Arm:
+        """Declare an arm.
+
+        Args:
+            robot: its bodies.
+            friction: law of all joints, or of each.
+            values: of their parameters, SI units, of one joint (``joint_2.mu_c``) or of all (``mu_c``).
+            effects: at every joint, or joint -> names.
+            armature: kg m^2; None: of the file.
+
+        Raises:
+            UserError: an unknown law, effect, joint or parameter, one without a value or with an impossible one.
+        """
+        names = joint_names(len(robot.joints))
+        laws = [friction] * len(names) if isinstance(friction, str | FrictionLaw) else list(friction)
+        if len(laws) != len(names):
+            raise UserError("not one law for each joint", where="friction", received=len(laws), allowed=f"{len(names)}")
+        table = effects if isinstance(effects, Mapping) else dict.fromkeys(names, effects)
+        for name in table:
+            choose(name, dict.fromkeys(names), "effects")
+        mechanisms = []
+        for name, law, turns in zip(names, laws, robot.turns, strict=True):
+            made = choose(law, CONTACT_LAWS, "friction")() if isinstance(law, str) else law
+            own = tuple(choose(e, {**EFFECTS, **JOINT_EFFECTS}, "effects")() for e in table.get(name, ()))
+            mechanisms.append(Mechanism(RobotJoint(bool(turns)), made, own))
+        bodies = robot if armature is None else robot.with_inertia(robot.inertial, np.asarray(armature, float))
+        return cls(bodies, tuple(mechanisms), {}).with_values(**(values or {}))
+
+    @classmethod
+    def identified(cls, model: Any) -> Arm:
+        """From the fitted model of an identification or diagnosis, :class:`frictionpinn.robots.balance.Model`.
+
+        Only combinations of the inertial parameters are identified: of all bodies that have them, those that differ
+        least from the file's.
+        """
+        names = joint_names(len(model.robot.joints))
+        mechanisms = tuple(model.friction(k).mechanism for k in range(len(names)))
+        inertial = model.robot.inertial.copy()
+        beta = np.array([model.values[f"inertia.{name}"] for name in model.base.names])
+        inertial[model.base.columns] += beta - model.base.values(inertial)
+        armature = np.array([model.values[f"armature.{name}"] for name in names])
+        values = {n: v for n, v in model.values.items() if n.partition(".")[0] in names}
+        return cls(model.robot.with_inertia(inertial, armature), mechanisms, {}).with_values(**values)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints in results."""
+        return joint_names(len(self.robot.joints))
+
+    def with_values(self, **values: float) -> Arm:
+        """A copy with other values, by full name or for all joints; what nothing says has its usual value.
+
+        Raises:
+            UserError: an unknown parameter, one without a value or with an impossible one.
+        """
+        known, full = dict(self.values), {}
+        for joint, mechanism in zip(self.names, self.mechanisms, strict=True):
+            usual = {par.name: par.value for par in mechanism.parameters} | dict(mechanism.system.values)
+            for name in usual:
+                whole = at_contact(joint, name)
+                value = values.get(whole, values.get(name, known.get(whole, usual[name])))
+                if value is None:
+                    raise UserError("parameter without a value", where=whole,
+                                    fix=f"give {whole}, or {name} of all joints")  # fmt: skip
+                full[whole] = value
+        plain = {name.rpartition(".")[2] for name in full}
+        for name in values:
+            if name not in full and name not in plain:
+                raise UserError("unknown parameter", where=name, allowed=", ".join(full),
+                                fix=nearest(name, full) or "use one of these")  # fmt: skip
+        made = replace(self, values=full)
+        for k, (joint, mechanism) in enumerate(zip(self.names, self.mechanisms, strict=True)):
+            mechanism.check_values(dict(zip(mechanism_names(mechanism), made.own(k), strict=True)), joint)
+        return replace(made, values={name: float(value) for name, value in full.items()})
+
+    def own(self, k: int) -> list[float]:
+        """Values of a joint's friction, in the order of its mechanism."""
+        return [self.values[at_contact(self.names[k], name)] for name in mechanism_names(self.mechanisms[k])]
+
+    @cached_property
+    def armature(self) -> np.ndarray:
+        """Inertia of the motors seen at the joints, shape (joints,)."""
+        return self.robot.armature
+
+    def torques(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Torques of bodies and motors' inertias, and of friction, along a given motion, both of shape (n, joints)."""
+        bodies = self.robot.inverse_dynamics(q, v, a)
+        load = bodies - self.armature * a
+        friction = []
+        for k, mechanism in enumerate(self.mechanisms):
+            seen = {"t": t, "q": q[:, k], "v": v[:, k], "a": a[:, k], "load": load[:, k]}
+            friction.append(ImposedFriction(mechanism).force(seen, self.own(k)))
+        return bodies, np.stack(friction, axis=1)
+
+
+def mechanism_names(mechanism: Mechanism) -> list[str]:
+    """Names of a mechanism's parameters."""
+    return [par.name for par in mechanism.parameters]
+
+
+def effects_of(mechanism: Mechanism) -> tuple[Effect, ...]:
+    """Effects of a joint."""
+    return mechanism.only.effects
