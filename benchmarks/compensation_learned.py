@@ -16,6 +16,7 @@ from __future__ import annotations
 import logging
 import tempfile
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from compensation import (
     DELAY,
     FIRST,
     INTERVAL,
+    MOVES,
     SKIPPED,
     closed,
     compensator,
@@ -32,16 +34,18 @@ from compensation import (
     controller,
     figures,
     made,
+    paths,
 )
 from compensation_plants import KINDS, Draw, draw
 from compensation_report import keep, kept, unit
 
 import frictionpinn as fp
 from frictionpinn.control import Compensator, close, reference
-from frictionpinn.control.build import dry_friction
+from frictionpinn.control.compensator import dry_friction
 from frictionpinn.control.feedback import EstimatorFeedback, NetworkFeedforward
 from frictionpinn.control.loop import Adds, Loop
 from frictionpinn.control.record import recorded
+from frictionpinn.control.references import stroke
 from frictionpinn.export.portable import PortableModel
 from frictionpinn.online import OnlineEstimator, tune
 from frictionpinn.physics.mechanism import Mechanism
@@ -114,6 +118,7 @@ def learned(chosen: dict, kinds: Iterable[str] = tuple(AXES)) -> None:
     found = kept("learned", asked)
     for name in asked:
         it, found[name] = draw(name, AXES[name]), {}
+        it = replace(it, stroke=stroke([path for motion in MOTIONS for path in paths(name, motion)], MOVES))
         for arm in _arms():
             helper, row = _new(chosen, name, arm, it), {}
             for motion in MOTIONS:

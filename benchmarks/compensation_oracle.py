@@ -44,7 +44,8 @@ def told(it: Draw, knows: tuple[str, ...], options: dict[str, float]) -> Compens
         if ("system" if name in SYSTEM else "law") in knows:
             believed[name] = truth[name]
     delay = it.plant.delay if "delay" in knows else DELAY
-    loop = {"interval": INTERVAL, "delay": delay, "resolution": it.plant.resolution, "known": it.believed}
+    loop = {"interval": INTERVAL, "delay": delay, "resolution": it.plant.resolution, "known": it.believed,
+            "stroke": it.stroke}  # fmt: skip
     return build_compensator(config("estimator", **options), model, believed, **loop)
 
 

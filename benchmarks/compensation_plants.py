@@ -208,12 +208,13 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Draw:
-    """An axis and what is believed of it."""
+    """An axis, what is believed of it, and the stroke that its motion takes."""
 
     plant: Plant
     model: Mechanism
     believed: dict[str, float]
     loaded: bool
+    stroke: tuple[float, float] | None = None
 
 
 @cache

@@ -26,15 +26,16 @@ def compensate(
     delay: float = 0.0,
     resolution: float = 1e-6,
     known: Mapping[str, float] | None = None,
+    stroke: tuple[float, float] | None = None,
     folder: str | Path | None = None,
     **options: Any,
 ) -> Compensator:
     """A compensator for a controller: once in every cycle, the torque that cancels the friction of an axis.
 
-    Added is F(q_r, v_r, z_r; p) + d: the friction along the reference with its bristle z_r, parameters p that follow
-    the machine, and a disturbance d, all else that acts like a friction (H. Olsson and others, European Journal of
-    Control 4, 1998). It is for one free coordinate with a force or torque on it: drive, joint, pendulum. One that was
-    identified with its motion imposed is taken as the axis it is.
+    Added is F(q_r, v_r, z_r; p) (1 + b(q_r)) + c(q_r) + d: the friction along the reference with its bristle z_r,
+    parameters p that follow the machine, what depends on the place (b, c), and a disturbance d, all else that acts like
+    a friction (H. Olsson and others, European Journal of Control 4, 1998). It is for one free coordinate with a force
+    or torque on it: drive, joint, pendulum. One that was identified with its motion imposed is taken as the axis it is.
 
     Args:
         mechanism: system, friction law, effects that do not act on sensors.
@@ -44,9 +45,12 @@ def compensate(
         delay: from a command to its effect, s; the reference is given that much ahead.
         resolution: step of the encoder, in the system's unit of position.
         known: where the torque that the controller itself computes for the motion is of other parameters, these.
+        stroke: first and last position of the axis's motion, between which friction that depends on the place is
+            learned; None: it is not.
         folder: where ``compensator.h`` and ``compensator.c`` (C99) are written; None: nowhere.
-        options: as in conf/control: ``bandwidth`` (Hz, at most half of the axis's first resonance), ``disturbance``
-            and ``limit`` (in dry friction), ``adapt`` and ``spread`` (by parameter), ``friction``, ``transition``.
+        options: as in conf/control: ``bandwidth`` (Hz, at most half of the axis's first resonance), ``disturbance``,
+            ``uneven`` and ``limit`` (in dry friction), ``cells``, ``adapt`` and ``spread`` (by parameter),
+            ``friction``, ``transition``.
 
     Returns:
         An object with ``update(reference, position, torque)``, which returns torque, low and high (95 % interval), in
@@ -73,7 +77,7 @@ def compensate(
     axis.check_names(values, "parameters")
     for key in ("adapt", "spread"):
         axis.check_names(options.get(key, {}), f"compensate.{key}")
-    loop = {"interval": interval, "delay": delay, "resolution": resolution, "known": known}
+    loop = {"interval": interval, "delay": delay, "resolution": resolution, "known": known, "stroke": stroke}
     made = build_compensator(config | options, axis, values, **loop)
     assert made is not None
     if folder is not None:

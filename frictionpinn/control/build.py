@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import sympy as sp
-
 from ..errors import UserError, choose
-from ..online.check import parameter_vector
-from ..physics import CONTACT, LAWS
+from ..physics import LAWS
 from ..physics.mechanism import Mechanism
-from .compensator import Compensator, check_axis
+from .compensator import Compensator, check_axis, dry_friction
 
 NOTHING = "none"
 
@@ -25,9 +22,9 @@ def build_compensator(
         config: name; friction (a law in the place of the identified one, ``none`` for no law, null for the identified
             one with its effects); transition (v_t of a law that has one, as a share of v_s); adapt and spread by
             parameter, those that the axis lacks or that are 0 left out; disturbance and limit in units of the dry
-            friction (per root of a second); bandwidth in Hz; gain.
+            friction (per root of a second); bandwidth in Hz; uneven and cells, see :class:`Compensator`; gain.
         mechanism, parameters: as identified, SI units.
-        loop: interval, delay and resolution, see :class:`Compensator`.
+        loop: interval, delay, resolution and stroke, see :class:`Compensator`.
 
     Raises:
         UserError: an unknown law, one whose parameters are not among those given, a mechanism that is no axis.
@@ -59,16 +56,7 @@ def build_compensator(
         bandwidth=config["bandwidth"],
         limit=config["limit"] * level,
         gain=config["gain"],
+        uneven=config["uneven"],
+        cells=config["cells"],
         **loop,
     )
-
-
-def dry_friction(mechanism: Mechanism, parameters: Mapping[str, float]) -> float:
-    """Dry friction at the edge of sliding, in the system's unit of force: the scale of a compensator's numbers."""
-    law, system = mechanism.law, mechanism.system
-    names = [par.name for par in mechanism.parameters]
-    vector = parameter_vector(mechanism, names, {name: parameters[name] for name in names if name in parameters})
-    values = dict(zip(names, vector.tolist(), strict=True))
-    rest = {symbol: 0 for c in system.moving for symbol in c.symbols} | {item.symbol: 0 for item in system.inputs}
-    capacity = sp.sympify(law.capacity(CONTACT, law.symbols)).subs({CONTACT.v: 0}).subs(CONTACT.N, system.N.subs(rest))
-    return float(capacity.subs({par.symbol: values[par.name] for par in mechanism.parameters}))

@@ -7,14 +7,18 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import sympy as sp
 
 from ..errors import UserError
 from ..numerics.codegen import Kernels, pointer
 from ..online.check import check_adapt, check_sensors, finite, parameter_vector
+from ..physics import CONTACT
 from ..physics.base import TRIAL
 from ..physics.mechanism import Mechanism
-from .recursions import DISTURBANCE, SLOPES, THETA, Memory, Plan, cycle, inertia
+from .filter import DISTURBANCE, SLOPES, THETA, Memory, Plan
+from .recursions import cycle, inertia
 
+WEAR = 0.01  # per root of a second, of ``uneven``: after three hours of motion a surface is as unknown as at first
 STILL = 10.0  # steps of the encoder a second: slower, a reference is at rest
 
 
@@ -29,11 +33,12 @@ class Command(NamedTuple):
 class Compensator:
     """Torque that cancels the friction of an axis, once in every cycle of its controller.
 
-    The torque is F(q_r, v_r, z_r; p) + d, limited. F is the mechanism's friction, effects included, along the reference
-    (q_r, v_r), with a bristle z_r that is carried along it. With ``adapt`` or ``disturbance`` a Kalman filter on the
-    equation of motion (see :mod:`.recursions`) reads the encoder, follows the parameters named in ``adapt`` and
-    estimates the disturbance d, all else that acts like a friction. Without either, it is a feed-forward; without a law
-    (mu_c = 0), a disturbance observer.
+    The torque is F (1 + b(q_r)) + c(q_r) + d, limited. F = F(q_r, v_r, z_r; p) is the mechanism's friction, effects
+    included, along the reference (q_r, v_r), with a bristle z_r that is carried along it. With ``adapt`` or
+    ``disturbance`` a Kalman filter on the equation of motion (see :mod:`.filter`) reads the encoder, follows the
+    parameters named in ``adapt`` and estimates the disturbance d, all else that acts like a friction. With ``stroke``
+    and ``uneven`` it learns what depends on the place, too: a share b of the friction and a force c, both between
+    ``cells`` places. Without any of these, it is a feed-forward; without a law (mu_c = 0), a disturbance observer.
 
     It cannot pump energy into an axis that is to rest: all that feeds back moves to its newest value at the rate
     w = v_r^2 / (v_r^2 + still^2), so at v_r = 0 the torque is a constant, and the work of a constant torque over any
@@ -51,8 +56,11 @@ class Compensator:
         adapt: parameter -> relative change per square root of a second of motion.
         spread: parameter that adapts -> relative standard deviation at the start; 0 where not given.
         disturbance: change of d per square root of a second, in the unit of force; 0: there is none.
-        bandwidth: up to which d follows, Hz: readings count as noisy enough for that, whatever the encoder. What the
-            equations leave out above it (an elastic gear, the delay's error) is left to the controller.
+        bandwidth: up to which d follows at most, Hz: readings count as noisy enough for that, however fine the encoder.
+            What the equations leave out above it (an elastic gear, the delay's error) is left to the controller.
+        stroke: first and last position between which b and c are learned; None: nowhere.
+        cells: number of places in it.
+        uneven: standard deviation of b, and of c as a share of the dry friction; 0: neither is learned.
         still: speed of the reference at which half of the feedback is let through; None: ten steps of the encoder a
             second.
         limit: largest torque to add, in the unit of force.
@@ -60,7 +68,7 @@ class Compensator:
 
     Raises:
         UserError: a mechanism that is no such axis; a parameter without value or out of its range; a cycle, delay,
-            resolution, limit or speed that is not above 0 (a delay: not below).
+            resolution, limit or speed that is not above 0 (a delay: not below); a stroke without length.
 
     Source: H. Olsson and others, Friction models and friction compensation, European Journal of Control 4 (1998).
     """
@@ -81,6 +89,9 @@ class Compensator:
         still: float | None = None,
         limit: float = 1e9,
         gain: float = 1.0,
+        stroke: tuple[float, float] | None = None,
+        cells: int = 32,
+        uneven: float = 0.0,
     ):
         check_axis(mechanism)
         check_sensors(mechanism)
@@ -89,18 +100,25 @@ class Compensator:
             "resolution": resolution,
             "limit": limit,
             "bandwidth": bandwidth,
+            "gain": gain,
         }.items():
             _above(name, value, 0.0)
-        for name, value in {"delay": delay, "disturbance": disturbance}.items():
+        for name, value in {"delay": delay, "disturbance": disturbance, "uneven": uneven}.items():
             _least(name, value)
+        _above("cells", cells, 1)
+        low, high = _stroke(stroke)
         self.mechanism, self.kernels = mechanism, Kernels(mechanism)
         self.names = tuple(par.name for par in mechanism.parameters)
         self.adapt, self.spread = dict(adapt or {}), dict(spread or {})
+        for name, value in self.spread.items():
+            _least(f"spread.{name}", value)
         p = parameter_vector(mechanism, self.names, parameters)
         check_adapt(self.adapt, self.names, p, None)
         n_s, n_w, n_u, _ = self.kernels.sizes
         plain, columns = self.kernels.plain, mechanism.input_signals
-        self._k, size = len(self.adapt), THETA + len(self.adapt)
+        self._k, cells = len(self.adapt), int(cells) if high > low and uneven > 0 else 0
+        surface = np.repeat([uneven * dry_friction(mechanism, parameters), uneven], cells)
+        size = THETA + self._k + len(surface)
         clocks = [(n_u - len(mechanism.clocks) + i, int(symbol != TRIAL)) for i, symbol in enumerate(mechanism.clocks)]
         w = 2 * math.pi * bandwidth
         self.plan = Plan(
@@ -109,10 +127,11 @@ class Compensator:
             np.array([self.names.index(name) for name in self.adapt], dtype=np.int64),
             np.array(clocks, dtype=np.int64).reshape(-1, 2), (n_s, n_w, n_u, columns.index(actuator(mechanism))),
             float(interval), float(delay / interval), self._noise(p, interval, resolution, disturbance, w),
-            float(disturbance) ** 2, np.array([rate**2 for rate in self.adapt.values()], dtype=float),
-            np.array([disturbance / math.sqrt(w), *(self.spread.get(name, 0.0) for name in self.adapt)], dtype=float),
-            float(STILL * resolution if still is None else still), float(limit), bool(self.adapt or disturbance),
-            float(gain),
+            float(disturbance) ** 2, np.array([*self.adapt.values(), *(WEAR * surface)], dtype=float) ** 2,
+            np.array([disturbance / math.sqrt(w), *(self.spread.get(name, 0.0) for name in self.adapt), *surface],
+                     dtype=float),
+            float(STILL * resolution if still is None else still), float(limit),
+            bool(self.adapt or disturbance or cells), float(gain), cells, low, (high - low) / max(cells - 1, 1),
         )  # fmt: skip
         _above("still", self.plan.still, 0.0)
         past = np.zeros((int(self.plan.lag) + 3, SLOPES + self._k))
@@ -127,12 +146,12 @@ class Compensator:
         return f"Compensator({self.mechanism.name}; adapts {told or 'nothing'})"
 
     def _noise(self, p: np.ndarray, h: float, resolution: float, disturbance: float, w: float) -> float:
-        """Variance of a reading at which a Kalman filter of d has the bandwidth w; without d, of the encoder's step.
+        """Variance of a reading: of the encoder's step, or so much that a Kalman filter of d has the bandwidth w.
 
         Of a triple integrator under noise of density q, read with density r, that is (q / r)^(1/6).
         """
         m = inertia(pointer(self.kernels.plain.newton), p, self.kernels.sizes)
-        return (disturbance / m) ** 2 / (w**6 * h) if disturbance else resolution**2 / 12
+        return max((disturbance / m) ** 2 / (w**6 * h), resolution**2 / 12)
 
     def reset(self) -> None:
         """Forget all cycles; parameters that adapt return to their first values."""
@@ -191,6 +210,28 @@ def check_axis(mechanism: Mechanism) -> None:
             allowed="one free coordinate and one force or torque on it: drive, joint, pendulum",
             fix="declare the axis as one of these",
         )
+
+
+def dry_friction(mechanism: Mechanism, parameters: Mapping[str, float]) -> float:
+    """Dry friction at the edge of sliding, in the system's unit of force: the scale of a compensator's numbers."""
+    law, system = mechanism.law, mechanism.system
+    names = [par.name for par in mechanism.parameters]
+    vector = parameter_vector(mechanism, names, {name: parameters[name] for name in names if name in parameters})
+    values = dict(zip(names, vector.tolist(), strict=True))
+    rest = {symbol: 0 for c in system.moving for symbol in c.symbols} | {item.symbol: 0 for item in system.inputs}
+    capacity = sp.sympify(law.capacity(CONTACT, law.symbols)).subs({CONTACT.v: 0}).subs(CONTACT.N, system.N.subs(rest))
+    return float(capacity.subs({par.symbol: values[par.name] for par in mechanism.parameters}))
+
+
+def _stroke(stroke: Sequence[float] | None) -> tuple[float, float]:
+    """First and last position; 0 and 0 for none."""
+    if stroke is None:
+        return 0.0, 0.0
+    ends = tuple(stroke)
+    if not (len(ends) == 2 and all(finite(end) for end in ends) and ends[0] < ends[1]):
+        raise UserError("no stroke", where="stroke", received=stroke,
+                        allowed="two positions, the lower one first, or none")  # fmt: skip
+    return float(ends[0]), float(ends[1])
 
 
 def _above(name: str, value: float, least: float) -> None:

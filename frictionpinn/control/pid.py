@@ -86,9 +86,7 @@ def tuned(inertia: float, dead_time: float, sensitivity: float = 1.4, filter: fl
     x = np.geomspace(1e-2, 30.0, 400)  # frequencies, in units of w
 
     def peak(w: float) -> float:
-        s = 1j * w * x
-        loop = (3 * w * s / (filter * s + 1) + 3 * w**2 + w**3 / s) * np.exp(-s * dead_time) / s**2
-        return float(np.abs(1 / (1 + loop)).max())
+        return float(np.abs(1 / (1 + _loop(w * x, w, dead_time, filter))).max())
 
     low, high = 1e-3 / dead_time, 1.0 / dead_time
     for _ in range(60):
@@ -96,6 +94,22 @@ def tuned(inertia: float, dead_time: float, sensitivity: float = 1.4, filter: fl
         low, high = (middle, high) if peak(middle) <= sensitivity else (low, middle)
     w, m = low, inertia
     return Gains(3 * m * w**2, m * w**3, 3 * m * w, filter, limit, dead)
+
+
+def _loop(frequency: np.ndarray, w: float, dead_time: float, filter: float) -> np.ndarray:
+    """Frequency response of the open loop, frequencies in rad/s."""
+    s = 1j * frequency
+    return (3 * w * s / (filter * s + 1) + 3 * w**2 + w**3 / s) * np.exp(-s * dead_time) / s**2
+
+
+def delay_margin(gains: Gains, dead_time: float) -> float:
+    """How much more delay a loop of :func:`tuned` bears than it was tuned for, s: phase margin over crossover."""
+    w = 3 * gains.ki / gains.kp
+    frequency = w * np.geomspace(1e-2, 30.0, 4000)
+    loop = _loop(frequency, w, dead_time, gains.filter)
+    crossover = np.flatnonzero(np.abs(loop) >= 1.0)[-1]
+    margin = float(np.angle(-loop[crossover]))  # from -180 degrees, which the low-pass does not reach below crossover
+    return margin / float(frequency[crossover])
 
 
 class Controller:

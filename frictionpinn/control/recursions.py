@@ -1,108 +1,44 @@
-"""The compensator's cycle, compiled: friction along the reference, and a filter of what the machine shows beside it.
+"""The compensator's cycle, compiled: friction along the reference, and what a filter finds beside it.
 
 Along the reference (q_r, v_r, a_r) the mechanism's equations give the torque that the motion takes, T(p) = R_0 at
-u = 0, friction and all; the bristle is carried along it by the implicit Euler method, whatever its stiffness.
-The machine deviates from the reference by (e, v_e), and
+u = 0, friction and all; the bristle is carried along it by the implicit Euler method, whatever its stiffness. What the
+machine shows beside that is the business of :mod:`.filter`. A cycle has a fixed cost and allocates nothing that
+outlives it.
 
-    m v_e' = (u - T(p)) - d,    e' = v_e,    d' = noise,    theta' = noise,    p = p_0 exp(theta),
-
-where u is the torque that acts, m = dT/da_r, d the disturbance that no law explains and theta the logarithms of the
-parameters that adapt. That is linear but for p, so a Kalman filter that reads the encoder needs no Jacobian of the
-contact, whose sign of the velocity a noisy encoder cannot tell at a reversal; what friction does at a reversal the
-reference tells without noise. The noise that readings count with sets the bandwidth of d, so that the covariance holds
-but for its scale: that is the mean square of the normalised innovations of the last half second. A cycle has a fixed
-cost and allocates nothing that outlives it.
-
-Source: Kalman filter, Anderson and Moore, Optimal Filtering (1979), 3.1; disturbance as a state: Johnson, IEEE Trans.
-Automatic Control 16 (1971); parameters that adapt along the reference: Slotine and Li, Applied Nonlinear Control
-(1991), 8.7; bristle along the reference: Olsson and others, European Journal of Control 4 (1998).
+Source: bristle along the reference: Olsson and others, European Journal of Control 4 (1998).
 """
 
 from __future__ import annotations
-
-from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from ..numerics.integrator import OPTIONS, back_substitute, factorize, newton_matrix
+from .filter import (
+    ACCELERATION,
+    DISTURBANCE,
+    EXCESS,
+    FEEDBACK,
+    FRICTION,
+    INERTIA,
+    POSITION,
+    SCALE,
+    SLOPES,
+    THETA,
+    TIME,
+    TORQUE,
+    VELOCITY,
+    Memory,
+    Plan,
+    begin,
+    correct,
+    predict,
+    slopes,
+)
 
 ITERATIONS = 12  # of Newton's method for what remembers, at most: the laws are linear in it and take two
 SETTLED = 1e-10  # relative change that ends it
-WILD = 6.0  # standard deviations: the most by which a reading moves the state
-FURTHEST = 1.3862943611198906  # log 4: the furthest that a parameter may go from its first value
 Z95 = 1.959964
-DEVIATION, SPEED, DISTURBANCE, THETA = 0, 1, 2, 3  # places in X, theta from the last on
-EXCESS, INERTIA, POSITION, VELOCITY, ACCELERATION, SLOPES = range(6)  # columns of ``past``; dT/dtheta at the end
-MEMORY_OF_SCALE = 0.5  # s: over which the squares of the innovations are averaged
-TIME, FEEDBACK, TORQUE, SCALE = 0, 1, 2, 3  # places in ``held``
-
-
-class Plan(NamedTuple):
-    """What does not change from cycle to cycle.
-
-    Attributes:
-        newton, outputs, strengths: the mechanism's compiled kernels, see :class:`..numerics.codegen.Kernels`;
-            ``strengths`` of the parameters that adapt.
-        p: parameters, SI units, shape (n_p,).
-        known: those with which the controller computes the torque of the motion without friction, shape (n_p,).
-        places: index in p of every parameter that adapts, shape (k,).
-        clocks: index in u of the clocks, and 1 for a time, 0 for the number of the trial, shape (n_clocks, 2).
-        sizes: n_s, n_w, n_u, index in u of the torque.
-        h: cycle, s.
-        lag: from a command to its effect, in cycles, the hold not counted.
-        noise: variance of a reading of the position, what the equation of motion leaves out of it included.
-        walk: spectral density of the disturbance's rate, force^2/s.
-        walks: the same of the logarithms theta, 1/s, shape (k,).
-        spread: standard deviations of d and theta at the start, shape (1 + k,).
-        still: speed of the reference at which half of the feedback is let through.
-        limit: largest torque.
-        filters: whether readings are used.
-        gain: factor of the torque, 1 but in a test of the margin.
-    """
-
-    newton: Any
-    outputs: Any
-    strengths: Any
-    p: np.ndarray
-    known: np.ndarray
-    places: np.ndarray
-    clocks: np.ndarray
-    sizes: tuple[int, int, int, int]
-    h: float
-    lag: float
-    noise: float
-    walk: float
-    walks: np.ndarray
-    spread: np.ndarray
-    still: float
-    limit: float
-    filters: bool
-    gain: float
-
-
-class Memory(NamedTuple):
-    """What a cycle leaves for the next: all of it written in place.
-
-    Attributes:
-        X, P: state of the filter and its covariance, shape (3 + k,) and (3 + k, 3 + k).
-        s, w: state and unknowns of the mechanism along the reference.
-        Z: derivative of s in theta, shape (n_s, k).
-        p: parameters in force, which follow the filter's while the reference moves.
-        past: the last cycles, newest first: u - T, m, reference, dT/dtheta less its part in theta then.
-        held: time, feedback in force, torque T of the cycle, scale of the covariance.
-        begun: number of cycles so far, shape (1,).
-    """
-
-    X: np.ndarray
-    P: np.ndarray
-    s: np.ndarray
-    w: np.ndarray
-    Z: np.ndarray
-    p: np.ndarray
-    past: np.ndarray
-    held: np.ndarray
-    begun: np.ndarray
 
 
 @njit(**OPTIONS)
@@ -187,94 +123,7 @@ def sensitivities(plan, memory, u, out, matrix, pivots, result):
 
 
 @njit(**OPTIONS)
-def predict(plan, memory, share):
-    """Advance mean and covariance of the filter by a cycle under the torques that acted in it."""
-    X, P, past, h, k = memory.X, memory.P, memory.past, plan.h, plan.places.shape[0]
-    n, whole = THETA + k, int(plan.lag)
-    part = plan.lag - whole
-    excess = (1.0 - part) * past[whole, EXCESS] + part * past[whole + 1, EXCESS]
-    inverse = 1.0 / ((1.0 - part) * past[whole, INERTIA] + part * past[whole + 1, INERTIA])
-    A = np.zeros(n)  # derivative of v_e' in X
-    A[DISTURBANCE] = -inverse
-    a = inverse * (excess - X[DISTURBANCE])
-    for i in range(k):
-        slope = (1.0 - part) * past[whole, SLOPES + i] + part * past[whole + 1, SLOPES + i]
-        A[THETA + i] = -inverse * slope
-        a -= inverse * slope * X[THETA + i]
-    X[DEVIATION] += h * X[SPEED] + 0.5 * h * h * a
-    X[SPEED] += h * a
-    F = np.zeros((2, n))
-    for j in range(n):
-        F[0, j], F[1, j] = 0.5 * h * h * A[j], h * A[j]
-    F[0, 0] += 1.0
-    F[0, 1] += h
-    F[1, 1] += 1.0
-    moved = np.zeros((2, n))
-    for i in range(2):
-        for j in range(n):
-            total = 0.0
-            for c in range(n):
-                total += F[i, c] * P[c, j]
-            moved[i, j] = total
-    for i in range(2):
-        for j in range(2):
-            total = 0.0
-            for c in range(n):
-                total += moved[i, c] * F[j, c]
-            P[i, j] = total
-        for j in range(2, n):
-            P[i, j] = moved[i, j]
-            P[j, i] = moved[i, j]
-    P[1, 0] = P[0, 1]
-    P[DISTURBANCE, DISTURBANCE] += plan.walk * h * share
-    for i in range(k):  # at rest a surface shows no change, and none is assumed
-        P[THETA + i, THETA + i] += plan.walks[i] * h * share
-
-
-@njit(**OPTIONS)
-def correct(plan, memory, reading, share):
-    """Take in a reading of the position; at rest, where static friction hides what acts, d and theta stay."""
-    X, P, past, n = memory.X, memory.P, memory.past, memory.X.shape[0]
-    nearest = min(int(plan.lag + 1.0), past.shape[0] - 1)  # the reference of now is that of a cycle some time ago
-    since = (nearest - plan.lag - 0.5) * plan.h
-    here = past[nearest, POSITION] + since * (past[nearest, VELOCITY] + 0.5 * since * past[nearest, ACCELERATION])
-    variance = P[0, 0] + plan.noise
-    if not (np.isfinite(reading) and variance > 0.0):
-        return
-    error, most = reading - here - X[0], WILD * np.sqrt(variance)
-    error = min(max(error, -most), most)
-    gain = P[:, 0] / variance
-    memory.held[SCALE] += share * plan.h / MEMORY_OF_SCALE * (error * error / variance - memory.held[SCALE])
-    for i in range(DISTURBANCE, n):
-        gain[i] *= share
-    row = P[0].copy()
-    for i in range(n):
-        X[i] += gain[i] * error
-    X[DISTURBANCE] = min(max(X[DISTURBANCE], -plan.limit), plan.limit)
-    for i in range(THETA, n):
-        X[i] = min(max(X[i], -FURTHEST), FURTHEST)
-    for i in range(n):  # Joseph's form, which holds for any gain
-        for j in range(i + 1):
-            P[i, j] += gain[i] * gain[j] * variance - gain[i] * row[j] - row[i] * gain[j]
-            P[j, i] = P[i, j]
-
-
-@njit(**OPTIONS)
-def begin(plan, memory, reference, reading):
-    """Start at rest where the position is, nothing known of d and theta but their spread."""
-    memory.X[:], memory.P[:, :], memory.s[:], memory.w[:], memory.held[:] = 0.0, 0.0, 0.0, 0.0, 0.0
-    memory.past[:, :], memory.Z[:, :] = 0.0, 0.0
-    memory.past[:, INERTIA], memory.past[:, POSITION] = 1.0, reference[0]
-    memory.p[:], memory.held[SCALE] = plan.p, 1.0
-    if np.isfinite(reading):
-        memory.X[DEVIATION] = reading - reference[0]
-    memory.P[0, 0] = plan.noise
-    for i in range(plan.spread.shape[0]):
-        memory.P[DISTURBANCE + i, DISTURBANCE + i] = plan.spread[i] ** 2
-
-
-@njit(**OPTIONS)
-def cycle(plan, memory, reference, reading, torque, result):
+def cycle(plan: Plan, memory: Memory, reference, reading, torque, result):
     """One cycle: torque that compensates friction, and its 95 % interval.
 
     Args:
@@ -315,12 +164,18 @@ def cycle(plan, memory, reference, reading, torque, result):
     plan.newton(s, w, u, plan.known, out)
     plan.outputs(s, w, u, plan.known, seen)
     added = held[TORQUE] - (out[0] - seen[2])  # friction, and what the controller's own model lacks
-    variance = memory.P[DISTURBANCE, DISTURBANCE]
+    plan.outputs(s, w, u, p, seen)
+    past[0, FRICTION] = seen[2]
     for i in range(k):
         held[TORQUE] -= past[0, SLOPES + i] * np.log(p[plan.places[i]] / plan.p[plan.places[i]])
-        variance += 2.0 * past[0, SLOPES + i] * memory.P[DISTURBANCE, THETA + i]
-        for j in range(k):
-            variance += past[0, SLOPES + i] * past[0, SLOPES + j] * memory.P[THETA + i, THETA + j]
+    now, variance = np.zeros(X.shape[0]), 0.0
+    slopes(plan, past[0], 1.0, now)
+    for i in range(THETA + k, X.shape[0]):
+        added += now[i] * X[i]
+    for i in range(DISTURBANCE, X.shape[0]):
+        if now[i] != 0.0:
+            for j in range(DISTURBANCE, X.shape[0]):
+                variance += now[i] * now[j] * memory.P[i, j]
     found = plan.gain * (added + held[FEEDBACK])
     result[0] = min(max(found, -plan.limit), plan.limit)
     reach = Z95 * np.sqrt(max(variance * held[SCALE], 0.0))

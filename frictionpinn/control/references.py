@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -120,3 +120,10 @@ def reference(name: str, amplitude: float, period: float, **options: float) -> R
         if not value > 0:
             raise UserError("impossible value", where=f"reference.{key}", received=value, allowed="a number above 0")
     return make(amplitude, period, **options)
+
+
+def stroke(paths: Iterable[Reference], duration: float) -> tuple[float, float]:
+    """First and last position of motions of so many seconds."""
+    t = np.linspace(0.0, duration, 1 + round(1e3 * duration))
+    q = np.concatenate([path(t)[:, 0] for path in paths])
+    return float(q.min()), float(q.max())

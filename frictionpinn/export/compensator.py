@@ -9,9 +9,12 @@ import sympy as sp
 
 from .. import __version__
 from ..control.compensator import Compensator
-from ..control.recursions import FURTHEST, ITERATIONS, MEMORY_OF_SCALE, SETTLED, SLOPES, WILD, Z95
+from ..control.filter import ALIKE, FURTHEST, MEMORY_OF_SCALE, ROUND_OFF, SLOPES, WILD
+from ..control.recursions import ITERATIONS, SETTLED, Z95
 from .c_code import fill
 from .functions import c_statements
+
+NUMBERS = ("h", "lag", "noise", "walk", "still", "limit", "gain", "low", "width")
 
 
 def write_compensator_c(folder: Path, compensator: Compensator) -> list[str]:
@@ -26,14 +29,14 @@ def write_compensator_c(folder: Path, compensator: Compensator) -> list[str]:
     n_s, n_w, n_u, _ = plan.sizes
     k, past = len(plan.places), compensator.memory.past.shape[0]
     sizes = {"n_s": n_s, "n_w": n_w, "n_u": n_u, "n_p": len(plan.p), "k": k, "n": len(compensator.memory.X)}
-    sizes |= {"past": past, "row": SLOPES + k}
+    sizes |= {"past": past, "row": SLOPES + k, "cells": plan.cells}
     n = sizes["n"]
     doubles = n + n * n + n_s * (k + 2) + n_w + len(plan.p) + past * (SLOPES + k) + 5
     header = fill(
         "compensator.h", **sizes, title=compensator.mechanism.name, version=__version__, bytes=doubles,
         interval=f"{plan.h:g}", delay=f"{plan.lag * plan.h:g}", force=system.force_unit, slip=system.slip_unit,
     )  # fmt: skip
-    numbers = {name: _number(getattr(plan, name)) for name in ("h", "lag", "noise", "walk", "still", "limit", "gain")}
+    numbers = {name: _number(getattr(plan, name)) for name in NUMBERS}
     lists = {name: _list(getattr(plan, name)) for name in ("p", "known", "walks", "spread")}
     clocks = "".join(f"    u[{place}] = {'t' if runs else '1.0'};\n" for place, runs in plan.clocks.tolist())
     source = fill(
@@ -41,7 +44,7 @@ def write_compensator_c(folder: Path, compensator: Compensator) -> list[str]:
         names=", ".join(f'"{name}"' for name in compensator.names),
         places=", ".join(map(str, plan.places.tolist())) or "0", filters=int(plan.filters), iterations=ITERATIONS,
         memory=_number(MEMORY_OF_SCALE), settled=_number(SETTLED), wild=_number(WILD), furthest=_number(FURTHEST),
-        z95=_number(Z95),
+        z95=_number(Z95), alike=_number(ALIKE), round_off=_number(ROUND_OFF),
     )  # fmt: skip
     for name, text in {"compensator.h": header, "compensator.c": source}.items():
         (folder / name).write_text(text, encoding="ascii")

@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 
 from ..control import Compensator, Gains, Loop, Plant, close, reference, tuned
 from ..control.build import build_compensator
-from ..control.compensator import check_axis, completed
-from ..control.pid import loop_dead_time
+from ..control.compensator import check_axis, completed, dry_friction
+from ..control.pid import delay_margin, loop_dead_time
 from ..control.record import recorded
 from ..control.recursions import inertia
-from ..control.references import Reference
+from ..control.references import Reference, stroke
 from ..data.recording import Recording
 from ..errors import UserError, choose
 from ..evaluate.style import INK, readable
@@ -52,12 +52,14 @@ def compensate(cfg: Config, folder: Path) -> dict[str, Any]:
     check_axis(declared)
     plant, loop = _plant(cfg, declared), cfg["loop"]
     own = {"interval": loop["interval"], "delay": loop["delay"]}
-    sensed = own | {"resolution": cfg["machine"]["resolution"]}
     # before minutes are spent on it: motions and compensator are possible, whatever the parameters will be
-    motions = _motions(cfg["follow"]["motions"], "follow.motions")
-    trials = _motions(cfg["record"]["trials"], "record.trials")
+    motions = _motions(cfg["follow"]["motions"], cfg["follow"]["duration"], "follow", "motions")
+    trials = _motions(cfg["record"]["trials"], cfg["record"]["duration"], "record", "trials")
+    reach = stroke([path for _, path in motions], cfg["follow"]["duration"])
+    sensed = own | {"resolution": cfg["machine"]["resolution"], "stroke": reach}
     build_compensator(cfg["control"], declared, completed(declared, {}), **sensed)
     gains = _gains(plant, declared, loop)
+    check_machine(plant, gains, loop, reach)
     log.info(f"PID: kp {gains.kp:.4g}, ki {gains.ki:.4g}, kd {gains.kd:.4g}")
     alone = {
         str(k + 1): close(plant, gains, path, cfg["record"]["duration"], None, (declared, {}), **own)
@@ -98,9 +100,11 @@ def compensate(cfg: Config, folder: Path) -> dict[str, Any]:
     return result
 
 
-def _motions(items: Sequence[Mapping[str, Any]] | None, where: str) -> list[tuple[str, Reference]]:
-    """Motions of the configuration, with their names."""
-    allowed = "name, amplitude (unit of position) and period (s); phase (rad) of a sine"
+def _motions(
+    items: Sequence[Mapping[str, Any]] | None, duration: float, part: str, key: str
+) -> list[tuple[str, Reference]]:
+    """Motions of the configuration, with their names; every one lasts long enough to reverse."""
+    where, allowed = f"{part}.{key}", "name, amplitude (unit of position) and period (s); phase (rad) of a sine"
     if not items:
         raise UserError("no motions", where=where, received=items, allowed=f"a list of motions, each with {allowed}")
     for item in items:
@@ -108,7 +112,12 @@ def _motions(items: Sequence[Mapping[str, Any]] | None, where: str) -> list[tupl
         needed = {"name", "amplitude", "period"}
         if not needed <= given <= needed | ({"phase"} if given and item.get("name") == "sine" else set()):
             raise UserError("no motion", where=where, received=item, allowed=allowed)
-    return [(str(item["name"]), reference(**item)) for item in items]
+    found = [(str(item["name"]), reference(**item)) for item in items]
+    least = max(item["period"] for item in items) / 2
+    if not (isinstance(duration, int | float) and least <= duration < float("inf")):
+        raise UserError("motions that never reverse", where=f"{part}.duration", received=duration,
+                        allowed=f"{least:g} s or more, half of the longest period")  # fmt: skip
+    return found
 
 
 def _plant(cfg: Config, declared: Mechanism) -> Plant:
@@ -120,6 +129,9 @@ def _plant(cfg: Config, declared: Mechanism) -> Plant:
     true = Mechanism(declared.system, LAWS[simulate["friction"]](), effects)  # type: ignore[arg-type]
     truth = dict(simulate["truth"]) | {k: v for table in tables.values() for k, v in (table or {}).items()}
     true.check_names(truth, "machine")
+    for key in ("resolution", "delay", "limit"):
+        if not isinstance(machine[key], int | float):
+            raise UserError("no number", where=f"machine.{key}", received=machine[key], allowed="a number, SI units")
     return Plant(true, truth, machine["resolution"], machine["delay"], machine["limit"])
 
 
@@ -129,6 +141,24 @@ def _gains(plant: Plant, declared: Mechanism, loop: Mapping[str, float]) -> Gain
     m = inertia(probe.plan.newton, probe.plan.p, probe.plan.sizes)
     dead_time = loop_dead_time(loop["delay"], loop["interval"])
     return tuned(m, dead_time, loop["sensitivity"], limit=plant.limit, dead=2 * plant.resolution)
+
+
+def check_machine(plant: Plant, gains: Gains, loop: Mapping[str, float], reach: tuple[float, float]) -> None:
+    """Raise :class:`UserError` for a machine that the controller cannot move or hold, or does not see moving."""
+    unit, force = plant.mechanism.free[0].units[0], plant.mechanism.system.force_unit
+    most = loop["delay"] + delay_margin(gains, loop_dead_time(loop["delay"], loop["interval"]))
+    if not 0 <= plant.delay <= most:
+        raise UserError("delay that the controller does not bear", where="machine.delay", received=plant.delay,
+                        allowed=f"0 to {most:.3g} s with loop.delay={loop['delay']:g}",
+                        fix="tell the controller of it: loop.delay")  # fmt: skip
+    breakaway = dry_friction(plant.mechanism, plant.parameters)
+    if not plant.limit > breakaway:
+        raise UserError("torque limit below the machine's friction", where="machine.limit", received=plant.limit,
+                        allowed=f"above {breakaway:.3g} {readable(force)}, or nothing moves")  # fmt: skip
+    span = (reach[1] - reach[0]) / 10
+    if not 0 < plant.resolution <= span:
+        raise UserError("encoder that does not show the motion", where="machine.resolution", received=plant.resolution,
+                        allowed=f"above 0, up to {span:.3g} {readable(unit)}, a tenth of the stroke")  # fmt: skip
 
 
 def identified(

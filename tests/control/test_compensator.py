@@ -14,6 +14,7 @@ from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
 QUICK = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+STROKE = {"stroke": (-6e-3, 6e-3), "uneven": 0.2}
 shapes = st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=12)
 
 
@@ -25,7 +26,12 @@ def drive_about(compensator: Compensator, cycles: int, seed: int) -> None:
 
 
 @QUICK
-@given(shape=shapes, cycles=st.integers(1, 400), seed=st.integers(0, 99), options=st.sampled_from([{}, {"adapt": {}}]))
+@given(
+    shape=shapes,
+    cycles=st.integers(1, 400),
+    seed=st.integers(0, 99),
+    options=st.sampled_from([{}, {"adapt": {}}, STROKE]),
+)
 def test_where_the_reference_rests_no_closed_path_lets_it_do_work(shape, cycles, seed, options):
     compensator = estimator(**options)
     drive_about(compensator, cycles, seed)
@@ -85,6 +91,29 @@ def test_a_force_that_nobody_declared_is_found_as_a_disturbance():
     assert loop.disturbance == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.parametrize(
+    ("effects", "values"),
+    [
+        (("position_friction",), {"position_bump": 0.4, "position_place": 2e-3, "position_width": 1.5e-3}),
+        (("ripple",), {"ripple_sin": 0.5, "ripple_wavelength": 3e-3}),
+    ],
+    ids=["a tight place", "a force that ripples"],
+)
+def test_friction_that_depends_on_the_place_is_known_when_the_axis_comes_back_to_it(effects, values):
+    path, errors = reference("sine", 5e-3, 1.0), {}
+    for name, options in {"disturbance alone": {}, "by place": STROKE}.items():
+        made = estimator(TRUTH, disturbance=2.0, **options)
+        loop = close(plant(*effects, **values), gains(), path, 5.0, made, (DRIVE, TRUTH), delay=1.5e-3)
+        errors[name] = np.std(loop.error[loop.t > 3.0])
+    assert errors["by place"] < 0.6 * errors["disturbance alone"]
+
+
+def test_beyond_its_stroke_a_compensator_takes_what_it_knows_of_the_end():
+    made = estimator(TRUTH, stroke=(-1e-3, 1e-3), uneven=0.2)
+    loop = close(plant(), gains(), reference("sine", 5e-3, 1.0), 2.0, made, (DRIVE, TRUTH), delay=1.5e-3)
+    assert np.abs(loop.error[1000:]).max() < 1e-4
+
+
 def test_a_load_that_the_controller_does_not_know_is_added_where_inertia_adapts():
     path, heavy = reference("multisine", 2e-2, 1.0), {"M": 1.5}
     plain = close(plant(**heavy), gains(), path, 5.0, Compensator(DRIVE, TRUTH), (DRIVE, TRUTH), delay=1.5e-3)
@@ -112,6 +141,11 @@ def test_begun_anew_it_says_the_same_again():
         ({"bandwidth": 0.0}, "bandwidth is 0.0"),
         ({"still": 0.0}, "still is 0.0"),
         ({"adapt": {"mu_x": 0.1}}, "adapt.mu_x"),
+        ({"spread": {"mu_c": -0.1}}, "spread.mu_c is -0.1"),
+        ({"gain": -1.0}, "gain is -1.0"),
+        ({"uneven": -0.1}, "uneven is -0.1"),
+        ({"cells": 1}, "cells is 1"),
+        ({"stroke": (1.0, 1.0)}, "stroke is"),
     ],
 )
 def test_an_impossible_option_is_refused_in_one_line_that_names_it(options, part):

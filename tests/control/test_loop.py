@@ -12,7 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frictionpinn.control import REFERENCES, Compensator, Controller, close, reference, tuned
-from frictionpinn.control.build import build_compensator, dry_friction
+from frictionpinn.control.build import build_compensator
+from frictionpinn.control.compensator import dry_friction
+from frictionpinn.control.pid import delay_margin
 from frictionpinn.control.references import halted
 from frictionpinn.errors import UserError
 from frictionpinn.physics import LAWS, SYSTEMS
@@ -130,3 +132,17 @@ def test_the_interval_holds_the_friction_and_is_narrow_beside_it(seed):
     held = np.mean((loop.low <= friction)[late] & (friction <= loop.high)[late])
     assert held > 0.85
     assert np.median(loop.high[late] - loop.low[late]) < 0.4 * np.median(np.abs(friction[late]))
+
+
+@pytest.mark.parametrize(("share", "settles"), [(0.9, True), (1.1, False)])
+def test_a_controller_bears_as_much_more_delay_as_its_margin_says_and_no_more(share, settles):
+    h, dead_time = 1e-4, 3e-3  # s; of which 1 ms is the low-pass, 0.05 ms half of the hold
+    gains = tuned(1.0, dead_time)
+    controller = Controller(gains, h)
+    late = round((dead_time - 1e-3 - h / 2 + share * delay_margin(gains, dead_time)) / h)
+    pending, q, v, found = [0.0] * (late + 1), 1e-3, 0.0, []
+    for _ in range(40_000):
+        pending = [controller.update(np.zeros(3), q), *pending[:-1]]
+        q, v = q + h * v + h * h / 2 * pending[-1], v + h * pending[-1]
+        found.append(abs(q))
+    assert (max(found[-5000:]) < 0.1 * max(found[5000:10_000])) == settles

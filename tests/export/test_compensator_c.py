@@ -45,12 +45,13 @@ def rows(scale: float) -> np.ndarray:
 @pytest.mark.parametrize(
     ("system", "law", "effects", "values", "options"),
     [
+        ("drive", "lugre", (), LUGRE, ADAPTS | {"stroke": (-4e-3, 6e-3), "cells": 9, "uneven": 0.2}),
         ("drive", "lugre", (), LUGRE, ADAPTS),
         ("drive", "lugre", (), LUGRE, {"delay": 2e-3}),
         ("joint", "lugre", ("asymmetry", "dwell"), LUGRE | {"W_cos": 2.0, "asymmetry": 0.1, "dwell": 0.2}, ADAPTS),
         ("drive", "coulomb_viscous", ("drift",), {"mu_c": 3.0, "sigma_2": 2.0, "drift": 0.01}, {"disturbance": 20.0}),
     ],
-    ids=["estimator", "feed-forward", "joint with effects", "law without memory, with a clock"],
+    ids=["learns the stroke", "estimator", "feed-forward", "joint with effects", "law without memory, with a clock"],
 )
 def test_c_gives_the_torque_and_the_interval_of_python(tmp_path: Path, system, law, effects, values, options):
     compensator = Compensator(Mechanism(SYSTEMS[system](), LAWS[law](), effects), values, **options)

@@ -9,20 +9,22 @@ enum {
     NU = $n_u,
     K = COMPENSATOR_ADAPTED,
     N = COMPENSATOR_FILTER,
+    CELLS = $cells, /* places along the stroke */
     PAST = COMPENSATOR_PAST,
     OUT = NW + NW * (NS + NW) + 1
 };
 enum { DEVIATION, SPEED, DISTURBANCE, THETA };
-enum { EXCESS, INERTIA, POSITION, VELOCITY, ACCELERATION, SLOPES };
+enum { EXCESS, INERTIA, POSITION, VELOCITY, ACCELERATION, FRICTION, SLOPES };
 
 const char *const compensator_names[COMPENSATOR_PARAMETERS] = {$names};
 
 static const double first[COMPENSATOR_PARAMETERS] = {$p};
 static const double known[COMPENSATOR_PARAMETERS] = {$known};
 static const int places[K + 1] = {$places};
-static const double walks[K + 1] = {$walks};
-static const double spread[K + 2] = {$spread};
-static const double h = $h, lag = $lag, noise = $noise, walk = $walk, still = $still, limit = $limit, gain_of_all = $gain;
+static const double walks[K + 2 * CELLS + 1] = {$walks};
+static const double spread[K + 2 * CELLS + 2] = {$spread};
+static const double h = $h, lag = $lag, noise = $noise, walk = $walk, still = $still, limit = $limit, gain_of_all = $gain,
+                    low = $low, width = $width;
 
 /* R, dR/ds and dR/dw, row by row. */
 static void newton(const double *s, const double *w, const double *u, const double *p, double *out)
@@ -154,6 +156,24 @@ static void sensitivities(compensator *c, const double *u, const double *out, do
     }
 }
 
+/* Add weight times the derivatives of the torque in d, theta and what depends on the place, of a row of past. */
+static void slopes(const double *past, double weight, double *found)
+{
+    int i;
+    found[DISTURBANCE] += weight;
+    for (i = 0; i < K; i++)
+        found[THETA + i] += weight * past[SLOPES + i];
+    if (CELLS) {
+        const double x = least(most((past[POSITION] - low) / width, 0.0), CELLS - 1.0);
+        const int before = (int)x < CELLS - 2 ? (int)x : CELLS - 2, place = THETA + K + before;
+        const double share = x - before;
+        found[place] += weight * (1.0 - share);
+        found[place + CELLS] += weight * (1.0 - share) * past[FRICTION];
+        found[place + 1] += weight * share;
+        found[place + 1 + CELLS] += weight * share * past[FRICTION];
+    }
+}
+
 static void predict(compensator *c, double share)
 {
     const int whole = (int)lag;
@@ -163,13 +183,11 @@ static void predict(compensator *c, double share)
     double rate[N], f[2][N], moved[2][N], acceleration;
     int i, j, k;
     memset(rate, 0, sizeof rate);
-    rate[DISTURBANCE] = -inverse;
-    acceleration = inverse * ((1.0 - part) * a[EXCESS] + part * b[EXCESS] - c->x[DISTURBANCE]);
-    for (i = 0; i < K; i++) {
-        const double slope = (1.0 - part) * a[SLOPES + i] + part * b[SLOPES + i];
-        rate[THETA + i] = -inverse * slope;
-        acceleration -= inverse * slope * c->x[THETA + i];
-    }
+    slopes(a, (part - 1.0) * inverse, rate);
+    slopes(b, -part * inverse, rate);
+    acceleration = inverse * ((1.0 - part) * a[EXCESS] + part * b[EXCESS]);
+    for (i = DISTURBANCE; i < N; i++)
+        acceleration += rate[i] * c->x[i];
     c->x[DEVIATION] += h * c->x[SPEED] + 0.5 * h * h * acceleration;
     c->x[SPEED] += h * acceleration;
     for (j = 0; j < N; j++) {
@@ -179,13 +197,13 @@ static void predict(compensator *c, double share)
     f[0][0] += 1.0;
     f[0][1] += h;
     f[1][1] += 1.0;
-    for (i = 0; i < 2; i++)
-        for (j = 0; j < N; j++) {
-            double total = 0.0;
-            for (k = 0; k < N; k++)
-                total += f[i][k] * c->covariance[k][j];
-            moved[i][j] = total;
-        }
+    memset(moved, 0, sizeof moved);
+    for (k = 0; k < N; k++)
+        if (f[0][k] != 0.0 || f[1][k] != 0.0)
+            for (j = 0; j < N; j++) {
+                moved[0][j] += f[0][k] * c->covariance[k][j];
+                moved[1][j] += f[1][k] * c->covariance[k][j];
+            }
     for (i = 0; i < 2; i++) {
         for (j = 0; j < 2; j++) {
             double total = 0.0;
@@ -198,7 +216,7 @@ static void predict(compensator *c, double share)
     }
     c->covariance[1][0] = c->covariance[0][1];
     c->covariance[DISTURBANCE][DISTURBANCE] += walk * h * share;
-    for (i = 0; i < K; i++)
+    for (i = 0; i < K + 2 * CELLS; i++)
         c->covariance[THETA + i][THETA + i] += walks[i] * h * share;
 }
 
@@ -221,8 +239,10 @@ static void correct(compensator *c, double reading, double share)
         c->x[i] += gain[i] * error;
     }
     c->x[DISTURBANCE] = least(most(c->x[DISTURBANCE], -limit), limit);
-    for (i = THETA; i < N; i++)
-        c->x[i] = least(most(c->x[i], -$furthest), $furthest);
+    for (i = THETA; i < N; i++) {
+        const double furthest = i < THETA + K ? $furthest : i < THETA + K + CELLS ? limit : 1.0;
+        c->x[i] = least(most(c->x[i], -furthest), furthest);
+    }
     for (i = 0; i < N; i++)
         for (j = 0; j <= i; j++) {
             c->covariance[i][j] += gain[i] * gain[j] * variance - gain[i] * row[j] - row[i] * gain[j];
@@ -237,7 +257,7 @@ void compensator_reset(compensator *c)
 
 static void begin(compensator *c, const double *reference, double reading)
 {
-    int i;
+    int i, j;
     memset(c, 0, sizeof *c);
     memcpy(c->p, first, sizeof first);
     c->scale = 1.0;
@@ -250,12 +270,19 @@ static void begin(compensator *c, const double *reference, double reading)
     c->covariance[0][0] = noise;
     for (i = 0; i < 1 + K; i++)
         c->covariance[DISTURBANCE + i][DISTURBANCE + i] = spread[i] * spread[i];
+    for (i = 0; i < CELLS; i++)
+        for (j = 0; j < CELLS; j++) {
+            const double away = (i - j) / $alike, alike = exp(-0.5 * (away * away)) + (i == j ? $round_off : 0.0);
+            const int force = THETA + K, share = THETA + K + CELLS;
+            c->covariance[force + i][force + j] = spread[1 + K] * spread[1 + K] * alike;
+            c->covariance[share + i][share + j] = spread[1 + K + CELLS] * spread[1 + K + CELLS] * alike;
+        }
 }
 
 compensator_command compensator_update(compensator *c, const double reference[3], double position, double torque)
 {
     const double square = reference[1] * reference[1], share = square / (square + still * still);
-    double u[NU], out[OUT], m[NW][NW], variance, added;
+    double u[NU], out[OUT], m[NW][NW], now[N], variance, added;
     compensator_command command;
     int pivots[NW], i, j;
     if (c->begun == 0) {
@@ -289,14 +316,18 @@ compensator_command compensator_update(compensator *c, const double reference[3]
         sensitivities(c, u, out, m, pivots);
     newton(c->s, c->w, u, known, out);
     added = c->wanted - (out[0] - friction(c->s, c->w, u, known));
-    variance = c->covariance[DISTURBANCE][DISTURBANCE];
-    for (i = 0; i < K; i++) {
-        const double *slope = &c->past[0][SLOPES];
-        c->wanted -= slope[i] * log(c->p[places[i]] / first[places[i]]);
-        variance += 2.0 * slope[i] * c->covariance[DISTURBANCE][THETA + i];
-        for (j = 0; j < K; j++)
-            variance += slope[i] * slope[j] * c->covariance[THETA + i][THETA + j];
-    }
+    c->past[0][FRICTION] = friction(c->s, c->w, u, c->p);
+    for (i = 0; i < K; i++)
+        c->wanted -= c->past[0][SLOPES + i] * log(c->p[places[i]] / first[places[i]]);
+    memset(now, 0, sizeof now);
+    slopes(c->past[0], 1.0, now);
+    for (i = THETA + K; i < N; i++)
+        added += now[i] * c->x[i];
+    variance = 0.0;
+    for (i = DISTURBANCE; i < N; i++)
+        if (now[i] != 0.0)
+            for (j = DISTURBANCE; j < N; j++)
+                variance += now[i] * now[j] * c->covariance[i][j];
     command.torque = least(most(gain_of_all * (added + c->feedback), -limit), limit);
     variance = $z95 * sqrt(most(variance * c->scale, 0.0));
     command.low = command.torque - variance;
