@@ -34,6 +34,8 @@ class ContactTrial:
         measured: the recorded signals as they are.
         smoothed: the recorded signals smoothed in both directions, what was not measured derived.
         filtered: the same, filtered causally.
+        seen, felt: v_slip, friction_force as ``offline`` and ``online`` have them, but with the velocities and
+            accelerations of the free coordinates as measured, their noise kept: what a simulation is compared with.
         contacts: names of the contacts with friction; one without a name where the system has no other.
         slopes: J along the smoothed motion, shape (n, equations, contacts), see :func:`balance_slopes`; of several.
     """
@@ -49,6 +51,8 @@ class ContactTrial:
     filtered: dict[str, np.ndarray] = field(default_factory=dict)
     contacts: tuple[str, ...] = ("",)
     slopes: np.ndarray | None = None
+    seen: dict[str, np.ndarray] = field(default_factory=dict)
+    felt: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -59,7 +63,7 @@ class ContactTrial:
         for contact in filter(None, self.contacts):
             own: dict[str, Any] = {
                 key: {plain_name(name): x for name, x in getattr(self, key).items() if contact_of(name) == contact}
-                for key in ("offline", "online", "rates", "truth")
+                for key in ("offline", "online", "rates", "truth", "seen", "felt")
             }
             views[contact] = replace(self, **own, contacts=("",), slopes=None)
         return views
@@ -105,10 +109,23 @@ def contact_trials(
         for contact in own if several else ("",):
             rates[at_contact(contact, "v_slip")] = on[at_contact(contact, "a_slip")]
         made = ContactTrial(trial.name, trial.t, off, on, rates, trial.truth, trial.signals, two_sided, causal)
+        seen, felt = (_as_measured(system, trial, signals, own) for signals in (two_sided, causal))
+        made = replace(made, seen=seen, felt=felt)
         if several:
             made = replace(made, contacts=own, slopes=balance_slopes(system, two_sided, own))
         trials.append(made)
     return trials
+
+
+def _as_measured(
+    system: System, trial: Trial, signals: dict[str, np.ndarray], contacts: tuple[str, ...]
+) -> dict[str, np.ndarray]:
+    """Slip velocities and friction forces with velocity and acceleration of the free coordinates as recorded."""
+    raw = dict(signals)
+    for c in system.free:
+        raw |= {name: trial.signals[name] for name in c.signals[1:] if name in trial.signals}
+    found = contact_signals(system, raw, contacts)
+    return {name: x for name, x in found.items() if plain_name(name) in ("v_slip", "friction_force")}
 
 
 def smooth_trials(

@@ -9,7 +9,7 @@ import numpy as np
 import sympy as sp
 
 from ..data.contact import BASE, ContactTrial
-from ..models import FrictionModel
+from ..models import FrictionModel, StateModel
 from ..numerics.explicit import FORCE, explicit_motion
 from ..numerics.torch_functions import numpy_function
 from ..physics import CONTACT, FrictionLaw, System
@@ -72,10 +72,13 @@ def characteristics(
         N = N[:1]
     slip, load = (column.ravel() for column in np.meshgrid(v, N))
     truth = steady_force(law, parameters, slip, load) if law is not None else None
+    shape = (len(N), len(v))
+    if isinstance(model, StateModel):
+        seen = model.friction().steady(slip, load).reshape(shape)
+        return Characteristics(v, N, seen, None if truth is None else truth.reshape(shape))
     balanced = np.zeros(slip.shape) if truth is None else truth * mobility(system, train)
     force = WindowedForce(model, 1, 1.0)
     now, rest = dict(zip(BASE, (slip, load, balanced), strict=True)), dict.fromkeys(BASE, np.zeros(slip.shape))
-    shape = (len(N), len(v))
     seen = force(force.constant(now), force.constant(rest), now, rest).reshape(shape)
     return Characteristics(v, N, seen, None if truth is None else truth.reshape(shape))
 

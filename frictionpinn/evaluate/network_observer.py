@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..data.contact import ContactTrial
-from ..models import FrictionModel
+from ..models import FrictionModel, StateModel
 from ..numerics.paths import InputPath
 from ..numerics.simulation import ContactLost, SimulationFailed
 from ..physics import LAWS, System
@@ -46,14 +46,15 @@ class _Corrected(_March):
 
 
 def applies(system: System, model: FrictionModel) -> bool:
-    """Whether such an observer is of use: the contact moves, and the network looks at no window of the past.
+    """Whether such an observer is of use: the contact moves, and the network looks at no window of the past; one with
+    a state is such an observer by itself.
 
     A network with windows, closed through the equation of motion, enters limit cycles at rest that no correction by
     measured velocity removes (mean square error of a PE2 on Traj. 2 above 1.6 N^2 at every gain).
     """
     free = () if system.massless else system.free
     constant = all(system.jacobian[c.name].is_number for c in free)
-    return bool(free) and constant and model.features.length == 1
+    return bool(free) and constant and model.features.length == 1 and not isinstance(model, StateModel)
 
 
 class NetworkObserver:

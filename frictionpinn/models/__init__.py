@@ -9,6 +9,7 @@ from .ensemble import FrictionEnsemble
 from .features import Features
 from .parameter_estimator import ParameterEstimator
 from .several import SeveralContacts
+from .state import StateModel
 
 MODELS = {"bb1": BlackBox, "bb2": BlackBox, "pe1": ParameterEstimator, "pe2": ParameterEstimator}
 
@@ -17,8 +18,14 @@ def rebuilt(hparams: Mapping[str, Any]) -> FrictionModel:
     """A model from the hyper-parameters of a checkpoint; its state is loaded afterwards."""
     if hparams.get("members"):
         return FrictionEnsemble.from_hparams(hparams)
-    kind = SeveralContacts if hparams.get("contacts") else MODELS[hparams["name"]]
-    return kind(**hparams)
+    return kind_of(hparams)(**hparams)
+
+
+def kind_of(hparams: Mapping[str, Any]) -> type[FrictionModel]:
+    """The class of a model: of several contacts, with a state, or with windows."""
+    if hparams.get("contacts"):
+        return SeveralContacts
+    return StateModel if hparams.get("state") else MODELS[hparams["name"]]
 
 
 __all__ = [
@@ -29,5 +36,7 @@ __all__ = [
     "FrictionModel",
     "ParameterEstimator",
     "SeveralContacts",
+    "StateModel",
+    "kind_of",
     "rebuilt",
 ]

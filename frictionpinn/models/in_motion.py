@@ -90,6 +90,12 @@ class InMotion:
         force, rate = LAW.numpy(v, settled, z, *law_values(p))
         return force, rate
 
+    states = 1
+
+    def rates(self, v: float, N: float, z: np.ndarray) -> np.ndarray:
+        """Force and bristle rate at one instant, shape (2,), of the state z, shape (1,)."""
+        return np.concatenate(self(np.array([v]), np.array([N]), z))
+
     def checkpoint(self) -> dict[str, Any]:
         """Plain tensors and values, for :meth:`restore`."""
         return {"values": self.values, "weights": self.weights}

@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 
 from ..data.contact import ContactTrial, contact_trials
+from ..data.input_noise import input_noise
 from ..data.module import TrajectoryData
 from ..data.split import split_trials
 from ..errors import UserError, choose
-from ..models import MODELS, FrictionModel, SeveralContacts
+from ..evaluate.characteristics import mobility
+from ..models import MODELS, FrictionModel, SeveralContacts, StateModel
 from ..models.start import complete, data_scales
+from ..models.state import lengths
 from ..physics import LAWS, FrictionLaw, System
 from ..physics.base import contact_of, plain_name
 from ..physics.contacts import ContactLaws
@@ -96,7 +99,51 @@ def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionMo
             raise UserError("not a switch", where="model.share", received=repr(share), allowed="true or false")
         own = {name: _map(cfg, system, name, [trial.at(name) for trial in train]) for name in train[0].contacts}
         return SeveralContacts(**common, contacts=own, balance=_balance_scales(train), share=share)
-    return kind(**common, **_map(cfg, system, "", train))
+    own = _map(cfg, system, "", train)
+    if _remembers(model):
+        state, more = _state(cfg, system, data)
+        return StateModel(**common, **own | {"scales": own["scales"] | more}, state=state)
+    return kind(**common, **own)
+
+
+def _remembers(model: Config) -> bool:
+    """Whether the model has a state."""
+    return choose(model.get("memory", "windows"), {"windows": False, "state": True}, "model.memory")
+
+
+def check_memory(cfg: Config, system: System) -> None:
+    """Raise :class:`UserError` where a network with a state cannot be what else is asked for."""
+    if not _remembers(cfg["model"]):
+        return
+    asked = {"system": len(system.contacts) > 1, "ensemble": cfg.get("ensemble", 1) != 1, "rollout": cfg.get("rollout")}
+    for key, wrong in asked.items():
+        if wrong:
+            received = system.name if key == "system" else cfg[key]
+            raise UserError("a network with a state is one network of one contact, simulated as it is trained",
+                            where="model.memory", received=f"state with {key}={received}",
+                            allowed="a system with one contact, ensemble=1, rollout=false",
+                            fix="leave model.memory=windows")  # fmt: skip
+
+
+def _state(cfg: Config, system: System, data: TrajectoryData) -> tuple[dict[str, Any], dict[str, float]]:
+    """Options of a :class:`StateModel`, and the scales that it needs beside those of every model."""
+    train = data.select("train")
+    options = mapping(cfg["model"], "state", "model")
+    elements = options.get("elements", 1)
+    if isinstance(elements, bool) or not isinstance(elements, int) or elements < 1:
+        raise UserError("impossible number of bristles", where="model.state.elements", received=repr(elements),
+                        allowed="a whole number from 1")  # fmt: skip
+    offline, _ = build_smoothing(cfg["smoothing"])
+    load = np.concatenate([np.abs(trial.offline["normal_force"]) for trial in train])
+    scales = {
+        "mobility": mobility(system, train),
+        "load_low": float(load.min()),
+        "load_high": float(load.max()),
+        "fastest": max(float(np.abs(trial.offline["v_slip"]).max()) for trial in train),
+        "step": float(np.median(np.diff(train[0].t))),
+        **input_noise(data.recording, system, offline, train),
+    }
+    return options | {"lengths": lengths(train, scales["slip_noise"])}, scales
 
 
 def _map(cfg: Config, system: System, contact: str, train: Sequence[ContactTrial]) -> dict[str, Any]:
@@ -122,7 +169,8 @@ def _map(cfg: Config, system: System, contact: str, train: Sequence[ContactTrial
         "fixed": {key: value for key, value in tables["fixed"].items() if value is not None},
         "tie_sigma1": bool(friction.get("tie_sigma1", False)),
     }
-    return {"scales": scales, "law": plain, "bristle": model.get("bristle", "load")}
+    bristle = {} if _remembers(model) else {"bristle": model.get("bristle", "load")}
+    return {"scales": scales, "law": plain, **bristle}
 
 
 def _law_of(friction: Config, system: System, contact: str) -> tuple[FrictionLaw, dict[str, dict[str, Any]]]:

@@ -27,6 +27,7 @@ from .checkpoints import Checkpoints, EveryFew, WholeFiles, bring_best, check_re
 from .configs import called
 from .dashboard import Dashboard
 from .ensemble import MembersBest, prepare, size_of
+from .experiment import check_memory
 from .manifest import check_free, write_json
 from .refine import check_refinable, refine
 from .result import parameters, report, summarise
@@ -70,6 +71,7 @@ def _train(cfg: Config, folder: Path) -> dict[str, Any]:
     check_refinable(cfg)
     announce_compilation(cfg)
     system = build_system(cfg["system"])
+    check_memory(cfg, system)
     check_rollout(cfg, system)
     data, model = prepare(cfg, system)
     vet(cfg, system, data.recording)

@@ -60,6 +60,7 @@ def make(data: TrajectoryData) -> Callable[..., FrictionModel]:
             "friction": merge(load("friction", law), friction or {}),
             "optimizer": load("optimizer", optimizer),
             "system": {"name": "pob"},
+            "smoothing": load("smoothing", "kalman"),
         }
         model = build_model(cfg, SYSTEMS["pob"](), data)
         data.prepare_for(model)

@@ -1,0 +1,318 @@
+"""A friction network with memory: bristles in parallel whose saturation and rest a network gives, by construction
+dissipative; trained along the measured motion or through the motion that it makes itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.signal import find_peaks
+from torch import Tensor, nn
+
+from ..data.contact import ContactTrial
+from ..errors import UserError, choose
+from ..numerics.state_function import Drive, Recursion
+from ..numerics.torch_functions import LawFunctions
+from ..physics import LAWS
+from .base import Batch, FrictionModel
+from .elements import StateFriction
+from .network import ACTIVATIONS
+from .parameters import LawParameters
+
+KNOTS, LOADS = 81, 3  # of the tables: velocities (asinh-spaced, a factor 1.25 apart) and loads
+REACH = 2.0  # times the fastest training sample: where the tables end
+REST = 1e-3  # of the root mean square velocity: below it the knots lie evenly
+STEPS = 4  # of the recursion per sample: slip velocity to 1e-4 m/s on the pendulum on a box at 400 Hz
+GATE = 3.0  # noises of the slip velocity above which a contact surely slides, and is corrected by what is measured
+GAIN = 0.05  # share of that correction, per sample, where the model is used online
+PRESLIDING = 1e-2  # share of v^2 / a that a bristle bends: where its training starts
+THROUGH = ("motion", "balance")
+FAR = 50.0  # noises: a residual that diverged
+
+
+class StateModel(FrictionModel):
+    """F = sum_k kappa_k dead(z_k, gap_k) + damp(c_k z_k') + v r(v, N), z_k' = v - |v| sgn(z_k) (|z_k| / s_k)^n_k.
+
+    A black box has ``elements`` such bristles, s_k = gap_k + N T_k(v, N) and r(v, N) from a network with positive
+    outputs. No closed cycle of motion gives energy (:mod:`..numerics.state_recursions`). A parameter estimator
+    has the law's one: kappa = sigma_0, c = sigma_1, n = 1, no gap, N T = capacity / sigma_0 times exp(network), a
+    departure from the law that ``loss.weight`` keeps small, and r = sigma_2. The network is read at the knots of a
+    table, which recursion, simulation and export share.
+
+    Trained through the ``balance`` the slip velocity is the measured one, and the force is compared with that of the
+    equation of motion. Trained through the ``motion`` it moves, v' = a_frictionless - mobility F, and velocity and
+    force are compared with the measured ones over their noise. A trial is cut where it slides fastest, and each segment
+    starts anew from what was measured: a stop that is simulated wrongly spoils one segment. The errors of the smoothed
+    a_frictionless and of the velocities at the starts are estimated beside the weights, each with its own size
+    (:func:`..data.input_noise.input_noise`), as maximum likelihood treats them. Online a model that sees
+    a_frictionless carries slip velocity and bristles on from sample to sample and corrects the velocity by the measured
+    one while the contact slides; one that does not follows the measured velocity.
+
+    Args:
+        state: ``elements``, ``gaps`` (whether a bristle has play), ``delay`` (whether the measured force comes early
+            by a time that is estimated too), ``lengths`` (samples of every segment of the training trials, see
+            :func:`segments`).
+        law: of a parameter estimator, see :class:`.parameter_estimator.ParameterEstimator`.
+        scales: beside :func:`.start.data_scales` mobility, load_low, load_high, fastest, step and those of input_noise.
+        others: see :class:`.base.FrictionModel`.
+    """
+
+    between: Tensor
+    share: Tensor
+    knots: Tensor
+    eyes: Tensor
+    dry: Tensor
+
+    def __init__(self, *, state: dict[str, Any], law: dict[str, Any] | None = None, **common: Any):
+        super().__init__(**common, state=state, law=law)
+        self.save_hyperparameters(logger=False)
+        del self.network  # of the windows
+        scales, options = self.scales, dict(state)
+        self.K = 1 if law else int(options["elements"])
+        self.moving = scales["mobility"] > 0 and "a_frictionless" in self.features.inputs
+        self.through = through(self.loss.get("through"), self.moving, scales)
+        v0, fastest = REST * scales["velocity"], REACH * scales["fastest"]
+        ends = np.arcsinh(fastest / v0)
+        low, high = scales["load_low"], scales["load_high"]
+        margin = max(0.2 * (high - low), 0.05 * high)
+        u, N = np.linspace(-ends, ends, KNOTS), np.linspace(low - margin, high + margin, LOADS)
+        self.grid = np.array([v0, u[0], u[1] - u[0], N[0], N[1] - N[0]])
+        knots = np.stack(np.meshgrid(v0 * np.sinh(u), N, indexing="ij"), axis=-1).reshape(-1, 2)
+        self.register_buffer("knots", torch.from_numpy(knots), persistent=False)
+        slow = np.arcsinh(knots[:, 0] / v0) / ends
+        slow = np.abs(slow) if common["network"].get("odd", True) else slow
+        eyes = np.stack([slow, (knots[:, 1] - N.mean()) / (N[-1] - N[0])], axis=1)
+        self.register_buffer("eyes", torch.from_numpy(2 * eyes).float(), persistent=False)
+        self.network = perceptron(  # type: ignore[assignment]
+            common["network"], self.K + (0 if law else 1)
+        )
+        self.law_parameters = None
+        if law:
+            kind = choose(law["name"], LAWS, "friction")
+            self.law_parameters = LawParameters(kind(), **{key: value for key, value in law.items() if key != "name"})
+            self.functions = LawFunctions(kind())
+        else:
+            self._elements(options)
+        if options.get("delay"):
+            self.delay = nn.Parameter(torch.zeros(()))
+        self._unknowns([int(n) for n in options.get("lengths", [])])
+
+    def _elements(self, options: dict[str, Any]) -> None:
+        """Start of the black box's bristles: reaches side by side, each with the same share of the force."""
+        scales, K = self.scales, self.K
+        bend = PRESLIDING * scales["velocity"] ** 2 / scales["acceleration"]
+        reach = bend * 4.0 ** torch.arange(K)
+        self.bend = float(bend)
+        self.stiffness = nn.Parameter(torch.log(scales["force"] / K / reach))
+        self.sharp = nn.Parameter(torch.full((K,), -1.0))
+        if options.get("gaps"):
+            self.gap = nn.Parameter(torch.log(0.5 * reach))
+        load = 0.5 * (scales["load_low"] + scales["load_high"])
+        self.register_buffer("dry", torch.log(reach / load))
+        mass = 1 / scales["mobility"] if scales["mobility"] else 0.0
+        self.damping = nn.Parameter(torch.log(torch.sqrt(torch.exp(self.stiffness.detach()) * mass).clamp_min(1e-9)))
+        self.viscous = float(np.log(scales["viscous"]))
+
+    def _unknowns(self, lengths: list[int]) -> None:
+        """Errors of the inputs over the training trials, each in units of its size: see the class."""
+        self.lengths = lengths if self.through == "motion" else []
+        every = max(self.scales.get("input_time", 0.0) / self.scales["step"], 1.0)
+        low, share, count = [], [], 0
+        for n in self.lengths:
+            place = np.arange(n) / every
+            low.append(count + place.astype(int))
+            share.append(place % 1)
+            count += int(place[-1]) + 2
+        if self.lengths and self.scales["input_error"] > 0:
+            self.register_buffer("between", torch.from_numpy(np.concatenate(low)), persistent=False)
+            self.register_buffer("share", torch.from_numpy(np.concatenate(share)), persistent=False)
+            self.inputs_off = nn.Parameter(torch.zeros(count))
+            self.starts_off = nn.Parameter(torch.zeros(len(self.lengths)))
+
+    # the map -------------------------------------------------------------------------------------------------
+    def tables(self) -> tuple[Tensor, Tensor, Tensor]:
+        """T and r at the knots, shape (K + 1, velocities, loads); kappa, c, gap, n, shape (4, K); the network there."""
+        told = self.network(self.eyes).double()
+        shape = (KNOTS, LOADS)
+        if self.law_parameters is not None:
+            p = {name: value.double() for name, value in self.law_parameters().items()}
+            v, N = self.knots[:, 0], self.knots[:, 1]
+            T = self.functions.capacity(v, N, *p.values()) / (p["sigma_0"] * N) * torch.exp(told[:, 0])
+            zero = torch.zeros((), dtype=torch.float64, device=T.device)
+            r = p.get("sigma_2", zero) * torch.ones_like(T)
+            one = [p["sigma_0"], p.get("sigma_1", zero), zero, zero + 1.0]
+            return torch.stack([T, r]).reshape(2, *shape), torch.stack(one)[:, None], told
+        T = torch.exp(told[:, : self.K] + self.dry)
+        r = torch.exp(told[:, self.K] + self.viscous)
+        gap = torch.exp(self.gap) if hasattr(self, "gap") else torch.zeros_like(self.stiffness)
+        n = 1 + nn.functional.softplus(self.sharp)
+        rows = torch.stack([torch.exp(self.stiffness), torch.exp(self.damping), gap, n]).double()
+        return torch.cat([T.T, r[None]]).reshape(self.K + 1, *shape), rows, told
+
+    def _along(self, batch: Batch, moving: bool, gain: float, known: bool) -> dict[str, Tensor]:
+        """Force, slip velocity and states along the trials of a batch; ``known``: the trials that it is trained on."""
+        tables, elements, told = self.tables()
+        column = {name: batch[name][:, 0].double() for name in ("v", "N", "A", "h", "start", "seen_v", "target")}
+        first = column["start"] > 0
+        v, A = column["v"], column["A"]
+        if moving:
+            follow = torch.where(first, v, column["seen_v"])
+            noise = GATE * max(self.scales["slip_noise"], 1e-12)
+            gate = 1 / (1 + (noise / follow.abs().clamp_min(1e-12)) ** 4)
+        else:
+            follow, gate = v, torch.zeros_like(v)
+        off = torch.zeros_like(A)
+        if known and hasattr(self, "inputs_off"):
+            ahead, low, share = self.inputs_off.double(), self.between, self.share
+            off = self.scales["input_error"] * ((1 - share) * ahead[low] + share * ahead[low + 1])
+            A = A + off
+        z0 = self._start(column["target"][first], v[first], column["N"][first], tables, elements)
+        start_off = torch.zeros(int(first.sum()), dtype=torch.float64)
+        if known and hasattr(self, "starts_off"):
+            start_off = self.scales["start_error"] * self.starts_off.double()
+        arrays = [x.detach().cpu().numpy() for x in (follow, column["N"], column["h"], first, gate)]
+        mobility = self.scales["mobility"] if moving else 0.0
+        v_, N_, h_, first_, gate_ = (np.ascontiguousarray(x) for x in arrays)
+        drive = Drive(v_, N_, h_, first_, gate_, mobility, STEPS)
+        share = torch.as_tensor(gain, dtype=torch.float64)
+        force, slip, states = Recursion.apply(z0, tables, elements, share, A, start_off, self.grid, drive)
+        return {"force": force, "slip": slip, "z": states, "off": off, "told": told}
+
+    def _start(self, force: Tensor, v: Tensor, N: Tensor, tables: Tensor, elements: Tensor) -> Tensor:
+        """States at the starts, shape (trials, K): settled where the contact surely slides; at rest those that carry
+        the measured force, each the same share of its reach."""
+        still, now = self._read(tables, torch.zeros_like(v), N), self._read(tables, v, N)
+        settled = v.sign()[:, None] * (elements[2] + N[:, None] * now[:, : self.K])
+        dry = N[:, None] * still[:, : self.K]
+        share = ((force - still[:, self.K] * v)[:, None] / (elements[0] * dry).sum(1, keepdim=True)).clamp(-1, 1)
+        carried = share.sign() * (elements[2] + dry * share.abs())
+        slides = v.abs() > 2 * GATE * self.scales["slip_noise"]
+        return torch.where(slides[:, None] & self.moving, settled, carried)
+
+    def _read(self, tables: Tensor, v: Tensor, N: Tensor) -> Tensor:
+        """The tables at points, shape (n, K + 1)."""
+        v0, first, step, lowest, apart = self.grid
+        x = ((torch.asinh(v / v0) - first) / step).clamp(0, KNOTS - 1)
+        y = ((N - lowest) / apart).clamp(0, LOADS - 1)
+        i, j = x.long().clamp_max(KNOTS - 2), y.long().clamp_max(LOADS - 2)
+        x, y = (x - i)[:, None], (y - j)[:, None]
+        near, far = (tables[:, i + k].transpose(0, 1) for k in (0, 1))
+        at = torch.arange(len(v))
+        sides = [(1 - y) * side[at, :, j] + y * side[at, :, j + 1] for side in (near, far)]
+        return (1 - x) * sides[0] + x * sides[1]
+
+    # training ------------------------------------------------------------------------------------------------
+    def arrays(self, trial: ContactTrial, source: str = "online") -> dict[str, np.ndarray]:
+        """Columns of one trial, shape (n, 1): v, N, A, h, start, target, what is measured, rate of the whole force."""
+        table, raw = getattr(trial, source), trial.seen if source == "offline" else trial.felt
+        start = np.zeros(len(trial.t))
+        start[segments(trial, self.scales["slip_noise"]) if source == "offline" and self.through == "motion" else 0] = 1
+        load = np.abs(table["normal_force"])
+        A = table["a_frictionless"]
+        force = A / self.scales["mobility"] if self.scales["mobility"] else np.zeros_like(A)
+        columns = {
+            "v": table["v_slip"], "N": load, "A": A, "h": np.append(np.diff(trial.t), 0.0), "start": start,
+            "target": trial.offline["friction_force"] if source == "offline" else table["friction_force"],
+            "seen_v": raw.get("v_slip", table["v_slip"]),
+            "seen_F": raw.get("friction_force", table["friction_force"]),
+            "whole_rate": np.gradient(force, trial.t),
+        }  # fmt: skip
+        arrays = {name: np.ascontiguousarray(x, dtype=np.float32)[:, None] for name, x in columns.items()}
+        return arrays | {"x": np.concatenate([arrays["v"], arrays["N"]], axis=1)}
+
+    def fit_scales(self, batch: Batch) -> None:
+        """The knots are standardised by construction."""
+
+    def losses(self, batch: Batch, outputs: tuple[Tensor, ...] | None = None) -> dict[str, Tensor]:
+        own = sum(self.lengths) == len(batch["v"])
+        if self.through == "motion":
+            parts, told = self._through_motion(batch, own)
+        else:
+            parts, told = self._through_balance(batch)
+        if self.law_parameters is not None:
+            parts["consistency"] = float(self.loss["weight"]) * told.square().mean()
+        parts["loss"] = sum(parts.values(), start=torch.zeros((), dtype=torch.float64))
+        return parts
+
+    def _through_balance(self, batch: Batch) -> tuple[dict[str, Tensor], Tensor]:
+        found = self._along(batch, False, 0.0, False)
+        force = found["force"]
+        if hasattr(self, "delay"):
+            force = force - self.lag() * batch["whole_rate"][:, 0].double()
+        off = (force - batch["target"][:, 0].double()).square().mean()
+        scale = self.scales["force"] ** 2 if self.loss["force"] == "normalised" else 1.0
+        return {"force": off / scale}, found["told"]
+
+    def _through_motion(self, batch: Batch, own: bool) -> tuple[dict[str, Tensor], Tensor]:
+        found = self._along(batch, True, 0.0 if own else GAIN, own)
+        n, scales = len(batch["v"]), self.scales
+        force = found["force"] - found["off"] / scales["mobility"] - batch["seen_F"][:, 0].double()
+        slip = found["slip"] - batch["seen_v"][:, 0].double()
+        parts = {"force": (force / scales["force_noise"]).clamp(-FAR, FAR).square().mean(),
+                 "slip": (slip / scales["slip_noise"]).clamp(-FAR, FAR).square().mean()}  # fmt: skip
+        if own and hasattr(self, "inputs_off"):
+            parts["inputs"] = (self.inputs_off.square().sum() + self.starts_off.square().sum()).double() / n
+        return parts, found["told"]
+
+    def lag(self) -> Tensor:
+        """Time by which the measured force comes early, s."""
+        return self.scales["step"] * self.delay
+
+    def physical(self) -> dict[str, float]:
+        if self.law_parameters is None:
+            return {}
+        with torch.no_grad():
+            return {name: float(value) for name, value in self.law_parameters().items()}
+
+    # use -----------------------------------------------------------------------------------------------------
+    def predict(self, batch: Batch) -> dict[str, Tensor]:
+        """Force along the trials of a batch, shape (n, 1), and of a parameter estimator z."""
+        found = self._along(batch, self.moving, GAIN, False)
+        return {"force": found["force"][:, None]} | ({"z": found["z"]} if self.law_parameters is not None else {})
+
+    def friction(self) -> StateFriction:
+        """The trained map as plain numbers."""
+        with torch.no_grad():
+            tables, elements, _ = self.tables()
+        return StateFriction(tables.cpu().numpy(), self.grid, elements.cpu().numpy())
+
+
+def segments(trial: ContactTrial, noise: float) -> np.ndarray:
+    """Samples at which a trial is started anew: its first, and where it slides fastest between two slower stretches."""
+    speed = np.abs(trial.offline["v_slip"])
+    peaks, _ = find_peaks(speed, height=2 * GATE * noise, prominence=2 * GATE * noise)
+    return np.array([0, *peaks])
+
+
+def lengths(trials: Sequence[ContactTrial], noise: float) -> list[int]:
+    """Samples of every segment of the trials."""
+    return [int(n) for trial in trials for n in np.diff([*segments(trial, noise), len(trial)])]
+
+
+def through(wanted: Any, moving: bool, scales: dict[str, float]) -> str:
+    """What a training goes through: the motion where nothing is said, the contact moves and its noise is known."""
+    if wanted is None:
+        return "motion" if moving and scales["slip_noise"] > 0 and scales["force_noise"] > 0 else "balance"
+    choose(wanted, dict.fromkeys(THROUGH), "model.loss.through")
+    if wanted == "motion" and not (moving and scales["slip_noise"] > 0 and scales["force_noise"] > 0):
+        raise UserError("no motion to train through", where="model.loss.through", received="motion",
+                        allowed="balance here: motion wants a contact that friction moves by a constant mobility, the "
+                        "input a_frictionless, and measured noise", fix="leave model.loss.through=null")  # fmt: skip
+    return wanted
+
+
+def perceptron(network: dict[str, Any], outputs: int) -> nn.Sequential:
+    """Layers as of the other variants, of slip velocity and load; 0 everywhere at first."""
+    activation = choose(network["activation"], ACTIVATIONS, "model.network.activation")
+    width, depth = int(network["width"]), int(network["depth"])
+    sizes = [2, *[width] * depth]
+    layers: list[nn.Module] = []
+    for size, more in pairwise(sizes):
+        layers += [nn.Linear(size, more), activation()]
+    last = nn.Linear(width, outputs)
+    nn.init.zeros_(last.weight)
+    nn.init.zeros_(last.bias)
+    return nn.Sequential(*layers, last)

@@ -1,0 +1,68 @@
+"""The recursions of :mod:`.state_recursions` as one differentiable operation of torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .state_recursions import backward, forward
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What drives the elements along trials that follow one another, float64 arrays of shape (n,).
+
+    Attributes:
+        v: slip velocity, which the contact has (imposed) or is corrected to.
+        N: load.
+        h: time to the next sample, s.
+        start: whether a trial starts.
+        gate: share of the correction, 0 to 1.
+        mobility: slip acceleration per force; 0: the slip velocity is imposed.
+        steps: per sample.
+    """
+
+    v: np.ndarray
+    N: np.ndarray
+    h: np.ndarray
+    start: np.ndarray
+    gate: np.ndarray
+    mobility: float
+    steps: int
+
+
+class Recursion(torch.autograd.Function):
+    """(z0, tables, elements, gain, A: slip acceleration without friction, off: of
+    the slip velocity at the starts) -> force, slip velocity (n,), states (n, K); float64, on the CPU."""
+
+    @staticmethod
+    def forward(
+        ctx, z0: Tensor, tables: Tensor, elements: Tensor, gain: Tensor, A: Tensor, off: Tensor, grid, drive: Drive
+    ):
+        known = [
+            np.ascontiguousarray(value.detach().cpu().numpy(), dtype=float) for value in (z0, tables, elements, A, off)
+        ]
+        share, moving = float(gain), drive.mobility > 0
+        path = np.empty((len(drive.v) * drive.steps, 1 + known[0].shape[1]))
+        rest = (grid, known[2], share, drive.mobility, drive.steps, moving, path)
+        along = (drive.v, drive.N, known[3], drive.h, drive.start, drive.gate)
+        force, slip, states = forward(*along, known[0], known[4], known[1], *rest)
+        ctx.kept = drive, known, rest, slip, states
+        ctx.like = [value.dtype for value in (z0, tables, elements, gain, A, off)]
+        told = tuple(torch.from_numpy(value) for value in (force, slip, states))
+        ctx.mark_non_differentiable(told[2])
+        return told
+
+    @staticmethod
+    def backward(ctx, *bars):
+        drive, (z0, tables, elements, A, _), (grid, *_, share, mobility, steps, moving, path), slip, states = ctx.kept
+        f_bar, v_bar = (np.ascontiguousarray(bar.numpy()) for bar in bars[:2])
+        along = (drive.v, drive.N, A, drive.h, drive.start, drive.gate)
+        found = backward(
+            f_bar, v_bar, *along, z0, tables, grid, elements, share, mobility, steps, moving, path, slip, states
+        )
+        told = [torch.as_tensor(value, dtype=dtype) for value, dtype in zip(found, ctx.like, strict=True)]
+        return (*told, None, None)

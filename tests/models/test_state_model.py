@@ -1,0 +1,93 @@
+"""Networks with memory: what they learn, keep and tell; every variant of conf/model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from frictionpinn.errors import UserError
+from frictionpinn.models import StateModel, rebuilt
+from frictionpinn.physics import SYSTEMS
+
+VARIANTS = ("bb1", "bb2", "pe1", "pe2")
+
+
+@pytest.fixture
+def stateful(make):
+    """A variant with a state."""
+    return lambda name, **changes: make(name, memory="state", **changes)
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_gradients_are_finite_and_a_step_lowers_the_loss(stateful, batch, name):
+    model = stateful(name)
+    assert isinstance(model, StateModel)
+    data = batch(model)
+    before = model.losses(data)["loss"]
+    before.backward()
+    slopes = {key: p.grad for key, p in model.named_parameters() if p.grad is not None}
+    assert slopes and all(torch.isfinite(slope).all() for slope in slopes.values())
+    assert all(bool(slope.any()) for key, slope in slopes.items() if key.startswith(("law_parameters", "stiffness")))
+    optimizer = torch.optim.Adam(model.parameters(), lr=1e-3)
+    for _ in range(5):
+        optimizer.zero_grad()
+        model.losses(data)["loss"].backward()
+        optimizer.step()
+    assert float(model.losses(data)["loss"].detach()) < float(before.detach())
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_a_checkpoint_gives_the_same_force(stateful, data, name):
+    model = stateful(name)
+    with torch.no_grad():
+        for p in model.parameters():
+            p.add_(0.01 * torch.randn_like(p))
+    again = rebuilt(dict(model.hparams))
+    again.load_state_dict(model.state_dict())
+    trial = data.select("held_out")[0]
+    np.testing.assert_array_equal(model.predict_trial(trial)["force"], again.predict_trial(trial)["force"])
+
+
+def test_only_a_model_that_sees_the_frictionless_acceleration_is_trained_through_the_motion(stateful):
+    assert [stateful(name).through for name in VARIANTS] == ["balance", "motion", "balance", "motion"]
+    assert stateful("bb2", loss={"through": "balance"}).through == "balance"
+    with pytest.raises(UserError, match=r"model.loss.through"):
+        stateful("bb1", loss={"through": "motion"})
+
+
+def test_the_force_now_does_not_depend_on_what_comes_later(stateful, data):
+    model, trial = stateful("pe2"), data.select("held_out")[0]
+    whole = model.predict_trial(trial)["force"]
+    arrays = {name: torch.from_numpy(x[:120]) for name, x in model.arrays(trial).items()}
+    with torch.no_grad():
+        part = model.predict(arrays)["force"].squeeze(-1).numpy()
+    np.testing.assert_allclose(part[:-1], whole[:119], rtol=1e-9)
+
+
+def test_a_trial_is_started_anew_where_it_slides_fastest(stateful, data, batch):
+    model, trial = stateful("pe2"), data.select("train")[0]
+    first = np.flatnonzero(model.arrays(trial, "offline")["start"])
+    assert len(first) > 1 and first[0] == 0
+    speed = np.abs(trial.offline["v_slip"])
+    assert all(speed[k] >= speed[max(k - 3, 0) : k + 4].max() for k in first[1:])
+    assert sum(model.lengths) == len(trial)
+
+
+def test_what_smoothing_leaves_is_found_by_smoothing_again(data):
+    from frictionpinn.data.input_noise import input_noise
+    from frictionpinn.numerics.kalman import KalmanSmoother
+
+    system, train = SYSTEMS["pob"](), data.select("train")
+    told = input_noise(data.recording, system, KalmanSmoother(), train)
+    slip = np.concatenate([t.offline["v_slip"] - t.truth["v_slip"] for t in train])
+    assert told["start_error"] == pytest.approx(np.sqrt(np.mean(slip**2)), rel=0.6)
+    assert 0 < told["input_error"] < 0.2 and told["input_time"] >= 0.005
+    noise = np.concatenate([t.seen["v_slip"] - t.truth["v_slip"] for t in train])
+    assert told["slip_noise"] == pytest.approx(np.sqrt(np.mean(noise**2)), rel=0.1)
+
+
+@pytest.mark.parametrize("elements", [0, 1.5, "two", True])
+def test_an_impossible_number_of_bristles_is_told(stateful, elements):
+    with pytest.raises(UserError, match=r"model.state.elements"):
+        stateful("bb2", state={"elements": elements})

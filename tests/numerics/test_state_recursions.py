@@ -1,0 +1,115 @@
+"""Bristles in parallel: their gradient, their energy, and LuGre friction as a special case."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from frictionpinn.models.elements import StateFriction
+from frictionpinn.numerics.simulate import Simulator
+from frictionpinn.numerics.state_function import Drive, Recursion
+from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
+
+GRID = np.array([0.01, -4.0, 0.5, 8.0, 2.0])
+LUGRE = {"sigma_0": 1e5, "sigma_1": 316.23, "sigma_2": 0.4, "mu_c": 0.3, "mu_s": 0.6, "v_s": 1e-3}
+
+
+def drive(n: int, mobility: float, steps: int = 3) -> Drive:
+    rng, t = np.random.default_rng(0), np.arange(n) * 0.01
+    v = 0.3 * np.sin(9 * t) + 0.05 * rng.standard_normal(n)
+    start = np.isin(np.arange(n), (0, n // 2))
+    # the load stays: its share of a step is held in the gradient
+    return Drive(v, np.full(n, 10.0), np.full(n, 0.01), start, rng.random(n), mobility, steps)
+
+
+@pytest.mark.parametrize("mobility", [0.0, 0.5])
+@pytest.mark.parametrize("damping", [5.0, 500.0])
+def test_the_hand_derived_gradient_agrees_with_differences(mobility, damping):
+    rng, n, K = np.random.default_rng(1), 40, 2
+    tables = 1e-3 * (0.5 + rng.random((K + 1, 17, 3)))
+    tables[K] *= 1e3
+    elements = np.array([[500.0, 300.0], [damping, 40.0], [0.0, 0.002], [1.0, 2.3]])
+    acceleration = 3 * np.cos(0.09 * np.arange(n))
+    known = [1e-3 * rng.standard_normal((2, K)), tables, elements, np.array(0.3), acceleration, np.array([0.01, -0.02])]
+    leaves = [torch.tensor(value, requires_grad=True) for value in known]
+    along = drive(n, mobility)
+
+    def scalar(*values: torch.Tensor) -> torch.Tensor:
+        force, slip, _ = Recursion.apply(*values, GRID, along)
+        return (force * torch.arange(n) / n).sum() + (slip**2).sum()
+
+    slopes = torch.autograd.grad(scalar(*leaves), leaves)
+    for place, (leaf, slope) in enumerate(zip(leaves, slopes, strict=True)):
+        way = torch.from_numpy(rng.standard_normal(leaf.shape)) * leaf.detach().abs()
+        ends = []
+        for sign in (1, -1):
+            moved = [value.detach() for value in leaves]
+            moved[place] = moved[place] + sign * 1e-6 * way
+            ends.append(float(scalar(*moved).detach()))
+        difference = (ends[0] - ends[1]) / 2e-6
+        assert float((slope * way).sum()) == pytest.approx(difference, rel=2e-3, abs=1e-3)
+
+
+def friction(values: dict[str, float]) -> StateFriction:
+    """LuGre friction as one bristle."""
+    v0, u = 3e-4, np.linspace(-9, 9, 161)
+    v, N = v0 * np.sinh(u), np.array([2.0, 30.0])
+    share = values["mu_c"] + (values["mu_s"] - values["mu_c"]) * np.exp(-((v / values["v_s"]) ** 2))
+    T = np.repeat((share / values["sigma_0"])[:, None], 2, axis=1)
+    tables = np.stack([T, np.full_like(T, values["sigma_2"])])
+    return StateFriction(tables, np.array([v0, u[0], u[1] - u[0], N[0], 28.0]),
+                         np.array([[values["sigma_0"]], [values["sigma_1"]], [0.0], [1.0]]))  # fmt: skip
+
+
+def test_one_bristle_moves_a_drive_as_lugre_friction_does():
+    t = np.arange(400) / 400.0
+    system = SYSTEMS["drive"](M=2.0)
+    values = LUGRE | {"mu_c": 3.0, "mu_s": 4.0, "sigma_0": 2e4, "sigma_1": 150.0, "v_s": 5e-3}
+    force = 8.0 * np.sin(2 * np.pi * 2 * t)
+    run = Simulator(Mechanism(system, LAWS["lugre"]())).simulate(t, {"force": force}, values, z0=0.0)
+    model = friction(values)
+    along = Drive(np.zeros(400), np.full(400, 1.0), np.full(400, 1 / 400), np.arange(400) == 0, np.zeros(400), 0.5, 4)
+    zeros = torch.zeros(1, dtype=torch.float64)
+    told, slip, _ = Recursion.apply(
+        zeros[None], torch.from_numpy(model.tables), torch.from_numpy(model.elements), zeros[0],
+        torch.from_numpy(force / 2.0), zeros, model.grid, along,
+    )  # fmt: skip
+    assert np.abs(slip.numpy() - run.signals["v"]).max() < 1e-3 * np.abs(run.signals["v"]).max()
+    assert np.sqrt(np.mean((told.numpy() - run.F) ** 2)) < 0.01 * np.sqrt(np.mean(run.F**2))
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    seed=st.integers(0, 10_000),
+    elements=st.integers(1, 3),
+    speed=st.floats(1e-3, 1.0),
+    damping=st.floats(0.0, 300.0),
+    sharpness=st.floats(1.0, 6.0),
+)
+def test_no_closed_cycle_of_motion_gives_energy(seed, elements, speed, damping, sharpness):
+    """Random positive tables: over every cycle the work is the change of what the bristles store, or more."""
+    rng = np.random.default_rng(seed)
+    tables = 1e-3 * np.exp(rng.standard_normal((elements + 1, 17, 3)))
+    rows = np.array([np.exp(rng.normal(6, 1, elements)), np.full(elements, damping),
+                     1e-3 * rng.random(elements), np.full(elements, sharpness)])  # fmt: skip
+    model, n = StateFriction(tables, GRID, rows), 4000
+    phase = np.arange(n + 1) / n * 2 * np.pi
+    v = speed * (np.sin(phase) + 0.5 * rng.standard_normal() * np.sin(3 * phase))
+    N, h = 10 + 2 * np.cos(phase), 0.5 / n
+    z, work = np.zeros(elements), []
+    for _ in range(2):  # the second cycle begins where the first ended
+        stored = [0.5 * np.sum(rows[0] * np.maximum(np.abs(z) - rows[2], 0.0) ** 2)]
+        done = 0.0
+        for k in range(n):
+            F, *rate = model.rates(0.5 * (v[k] + v[k + 1]), N[k], z)
+            done += F * 0.5 * (v[k] + v[k + 1]) * h
+            reach = model.reach(0.5 * (v[k] + v[k + 1]), N[k])
+            z = np.clip(z + h * np.array(rate), -np.maximum(reach, np.abs(z)), np.maximum(reach, np.abs(z)))
+        stored.append(0.5 * np.sum(rows[0] * np.maximum(np.abs(z) - rows[2], 0.0) ** 2))
+        work.append(done - (stored[1] - stored[0]))
+    scale = np.sum(rows[0] * 1e-3 * 10) * speed * 0.5
+    assert min(work) > -2e-3 * scale
