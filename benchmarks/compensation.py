@@ -104,29 +104,30 @@ def closed(
     make: Callable[[Draw], Adds | None],
     change: Callable[[Draw], Draw] = lambda it: it,
     holds: float = HOLDS,
+    moves: float = MOVES,
 ) -> list[tuple[Loop, Draw]]:
     """The loops of every axis of a reference, which ends at rest; ``change`` is made to the axes of the seed."""
     found = []
-    for axis, path in enumerate(paths(name, motion)):
+    for axis, path in enumerate(paths(name, motion, moves)):
         it = change(draw(name, seed + 500_000 * axis))
-        it = replace(it, stroke=stroke([path], MOVES))
+        it = replace(it, stroke=stroke([path], moves))
         believed = it.model, it.believed
-        loop = close(it.plant, controller(name), path, MOVES + holds, make(it), believed, INTERVAL, DELAY)
+        loop = close(it.plant, controller(name), path, moves + holds, make(it), believed, INTERVAL, DELAY)
         found.append((loop, it))
     return found
 
 
-def paths(name: str, motion: str) -> list[Reference]:
+def paths(name: str, motion: str, moves: float = MOVES) -> list[Reference]:
     """A reference for every axis of a motion, which ends at rest."""
     shape, period, phases = REFERENCES[motion]
     options: list[dict[str, float]] = [{"phase": phase} if shape == "sine" else {} for phase in phases]
-    return [halted(reference(shape, KINDS[name].amplitude, period, **option), MOVES) for option in options]
+    return [halted(reference(shape, KINDS[name].amplitude, period, **option), moves) for option in options]
 
 
-def figures(loops: list[tuple[Loop, Draw]]) -> dict[str, float]:
+def figures(loops: list[tuple[Loop, Draw]], begins: float = SKIPPED, ends: float = MOVES) -> dict[str, float]:
     """Errors in the unit of position, torque variation in force per second, energy in J per second."""
     first = loops[0][0]
-    moving = (first.t >= SKIPPED) & (first.t < MOVES)
+    moving = (first.t >= begins) & (first.t < ends)
     square = sum(loop.error**2 for loop, _ in loops)
     peaks, variation, energy = [], 0.0, 0.0
     for loop, _ in loops:
@@ -136,7 +137,7 @@ def figures(loops: list[tuple[Loop, Draw]]) -> dict[str, float]:
         for k in turns:
             near[k : k + 200] = True
         peaks.append(float(np.abs(loop.error[near & moving]).max(initial=0.0)))
-        variation += float(np.abs(np.diff(loop.torque[moving])).sum()) / (MOVES - SKIPPED)
+        variation += float(np.abs(np.diff(loop.torque[moving])).sum()) / (ends - begins)
         energy += float(np.maximum(loop.torque * loop.velocity, 0.0)[moving].mean())
     return {"rms": float(np.sqrt(square[moving].mean())), "peak": max(peaks), "variation": variation, "energy": energy}
 
