@@ -13,12 +13,12 @@ from ..errors import UserError, choose, nearest
 from ..numerics.imposed import ImposedFriction
 from ..physics import FrictionLaw
 from ..physics.base import at_contact
-from ..physics.effect import Effect
 from ..physics.effects import EFFECTS
 from ..physics.friction import CONTACT_LAWS
 from ..physics.mechanism import Mechanism
 from ..physics.robot import Robot
 from ..physics.robot_joint import JOINT_EFFECTS, RobotJoint
+from .bodies import bodies_of
 from .recording import joint_names
 
 
@@ -30,11 +30,15 @@ class Arm:
         robot: its bodies; armatures are those of the motors.
         mechanisms: friction of each joint: law and effects.
         values: parameter -> value by full name, ``joint_2.mu_c``, SI units.
+        estimated: whether the bodies were estimated, and are not the file's.
+        misfit: how far their base parameters are from the estimated ones, relative: 0 unless those cannot exist.
     """
 
     robot: Robot
     mechanisms: tuple[Mechanism, ...]
     values: Mapping[str, float]
+    estimated: bool = False
+    misfit: float = 0.0
 
     @classmethod
     def of(
@@ -76,17 +80,18 @@ class Arm:
     def identified(cls, model: Any) -> Arm:
         """From the fitted model of an identification or diagnosis, :class:`frictionpinn.robots.balance.Model`.
 
-        Only combinations of the inertial parameters are identified: of all bodies that have them, those that differ
-        least from the file's.
+        Only combinations of the inertial parameters are identified: bodies that have them, see :mod:`.bodies`. Effects
+        on the robot as a whole (a payload, gains of motors) are no part of an arm.
         """
         names = joint_names(len(model.robot.joints))
         mechanisms = tuple(model.friction(k).mechanism for k in range(len(names)))
-        inertial = model.robot.inertial.copy()
-        beta = np.array([model.values[f"inertia.{name}"] for name in model.base.names])
-        inertial[model.base.columns] += beta - model.base.values(inertial)
-        armature = np.array([model.values[f"armature.{name}"] for name in names])
-        values = {n: v for n, v in model.values.items() if n.partition(".")[0] in names}
-        return cls(model.robot.with_inertia(inertial, armature), mechanisms, {}).with_values(**values)
+        estimated = any(name.startswith("inertia.") for name in model.free)
+        inertial, misfit = bodies_of(model.robot, model.base, model.beta) if estimated else (model.robot.inertial, 0.0)
+        armature = np.array([max(model.values[f"armature.{name}"], 0.0) for name in names])
+        own = {f"{joint}.{par.name}" for joint, m in zip(names, mechanisms, strict=True) for par in m.parameters}
+        values = {name: value for name, value in model.values.items() if name in own}
+        arm = cls(model.robot.with_inertia(inertial, armature), mechanisms, {}, estimated, misfit)
+        return arm.with_values(**values)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -142,8 +147,3 @@ class Arm:
 def mechanism_names(mechanism: Mechanism) -> list[str]:
     """Names of a mechanism's parameters."""
     return [par.name for par in mechanism.parameters]
-
-
-def effects_of(mechanism: Mechanism) -> tuple[Effect, ...]:
-    """Effects of a joint."""
-    return mechanism.only.effects
