@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -169,6 +170,17 @@ class Model:
             others = [c for name, c in wanted.items() if name not in w.parameters or not w.at_the_channel]
             result[:, :, others] = w.shown_change(self, trial, result[:, :, others])
         return result
+
+
+def as_text(model: Model) -> dict[str, Any]:
+    """A model as plain types: laws and effects of each joint by name, effects on the robot, all values."""
+    return {
+        "friction": {name: law.name for name, law in zip(model.names, model.laws, strict=True)},
+        "effects": {name: [e.name for e in effects] for name, effects in zip(model.names, model.effects, strict=True)},
+        "whole": [w.name for w in model.whole],
+        "values": {name: float(value) for name, value in model.values.items()},
+        "free": list(model.free),
+    }
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ import numpy as np
 
 from ..errors import UserError, choose
 from ..export.extras import require
-from ..physics.robot import _pinocchio
+from ..physics.robot import Robot, _pinocchio
 from ..show import Shown, Table
 from .arm import Arm
 from .targets import Reduced, Target, names_of, reduce
@@ -95,6 +95,8 @@ def hand_on(
         place.mkdir(parents=True, exist_ok=True)
         files[form] = write(arm, source, place, reduced)
         rows += reduced
+    if arm.estimated and {"mjcf", "urdf"} & set(forms) and _moving(source) != len(arm.robot.joints):
+        notes.append("masses and inertias are those of the file: it has joints that move and were not recorded")
     if arm.misfit > 1e-6:
         notes.append(f"no bodies that can exist have the estimated inertias: those written differ by {arm.misfit:.1e}")
     result = HandedOn(files, tuple(rows), tuple(notes))
@@ -103,6 +105,14 @@ def hand_on(
         _write(Path(folder) / name / "torque_error.json", json.dumps(own, indent=2))
     _write(Path(folder) / "torque_error.txt", "\n".join(table.text() for table in result.tables()) + "\n")
     return result
+
+
+def _moving(source: Path) -> int:
+    """Number of joints of a robot file that can move; -1 where one has several degrees of freedom."""
+    try:
+        return len(Robot.read(source).joints)
+    except UserError:
+        return -1
 
 
 def _write(path: Path, text: str) -> Path:

@@ -21,6 +21,7 @@ from .build import Config, build_recording
 from .load import load_run, refined
 from .manifest import write_json
 from .provenance import commit, versions
+from .robot_export import export_robot, robot_of
 from .train import quiet
 
 log = logging.getLogger(__name__)
@@ -39,7 +40,8 @@ def export(cfg: Config) -> dict[str, Details]:
     Of several contacts each has a folder of its own, ``<run>/export/<form>/<contact>/``; of MuJoCo they share one.
 
     Args:
-        cfg: resolved conf/evaluate.yaml: run, export (a form of ``EXPORTS`` or a list of them).
+        cfg: resolved conf/evaluate.yaml: run, export (a form of ``EXPORTS`` or a list of them). Of a robot's
+            identification or diagnosis its forms, see :mod:`.robot_export`.
 
     Returns:
         form (``hinge.c`` with several contacts) -> what stands in its ``export.json``.
@@ -48,8 +50,10 @@ def export(cfg: Config) -> dict[str, Details]:
         UserError: an unknown form, an extra that is not installed, a folder that is no run, an export that differs
             from its model.
     """
-    quiet()
     wanted = cfg["export"] if isinstance(cfg["export"], list) else [cfg["export"]]
+    if robot := robot_of(cfg["run"]):
+        return export_robot(cfg, robot, [str(name) for name in wanted])
+    quiet()
     writers = {str(name): choose(str(name), EXPORTS, "export") for name in wanted}
     trained, system, model = load_run(cfg["run"])
     interval, better, results = sampling_interval(trained, system), refined(cfg["run"]), dict[str, Details]()

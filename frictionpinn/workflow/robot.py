@@ -18,7 +18,7 @@ from ..identify.result import plain
 from ..physics import LAWS
 from ..physics.base import contact_of, plain_name
 from ..physics.robot import Base, Robot
-from ..robots.balance import Model, Solution
+from ..robots.balance import Model, Solution, as_text
 from ..robots.candidates import AT_JOINTS, ON_ROBOT
 from ..robots.check import inspect_robot
 from ..robots.diagnose import Settings
@@ -204,6 +204,7 @@ def identify(cfg: Config, folder: Path) -> dict[str, Any]:
         "parameters": parameters(solution),
         "torque_error": {name: [float(x) for x in e] for name, e in errors.items()},
         "converged": solution.converged,
+        "model": as_text(solution.model),
         "versions": versions(),
         "commit": commit(),
         "config": cfg,
@@ -277,6 +278,7 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
         },
         "parameters": parameters(d.fit),
         "declared": parameters(d.declared),
+        "model": as_text(d.fit.model),
         "cutoff_hz": fitted[0].cutoff_hz,
         "seconds": round(d.seconds, 2),
         "versions": versions(),

@@ -1,0 +1,67 @@
+"""Hand the robot of an identification or diagnosis on to other simulators."""
+
+from __future__ import annotations
+
+import json
+import logging
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..data.public import fetch
+from ..errors import UserError
+from ..physics.base import FrictionLaw
+from ..physics.friction import CONTACT_LAWS
+from ..physics.robot import Base
+from ..robots.arm import Arm
+from ..robots.handing_on import hand_on
+from ..robots.identify import declare
+from ..robots.motion import prepare
+from .build import Config
+from .manifest import RESULT, write_json
+from .provenance import commit, versions
+from .robot import recorded
+
+log = logging.getLogger(__name__)
+
+
+def robot_of(run: str | Path) -> dict[str, Any] | None:
+    """What a robot's run found; None where the folder is no such run."""
+    path = Path(run) / RESULT
+    if not path.is_file():
+        return None
+    result = json.loads(path.read_text(encoding="utf-8"))
+    return result if "robot" in result and "model" in result else None
+
+
+def export_robot(cfg: Config, result: dict[str, Any], forms: list[str]) -> dict[str, Any]:
+    """Write the run's robot in every wanted form to ``<run>/export/<form>/``, with ``export.json`` beside them.
+
+    What a form lacks is fitted and judged along the longest trial that the robot was identified on.
+
+    Raises:
+        UserError: an unknown form, an extra that is not installed, a recording or robot file that is gone.
+    """
+    config, model = result["config"], result["model"]
+    robot, recording = recorded(config)
+    base = Base.of(robot)
+    laws: list[FrictionLaw] = [CONTACT_LAWS[name]() for name in model["friction"].values()]
+    declared = declare(robot, base, laws, model["effects"])
+    if missing := set(declared.values) - set(model["values"]):
+        raise UserError("a run of another robot file or version", where="run", received=", ".join(sorted(missing)[:3]),
+                        allowed=", ".join(list(model["values"])[:3]), fix="run it again")  # fmt: skip
+    arm = Arm.identified(replace(declared, values=model["values"], free=tuple(model["free"])))
+    used = recording.select(result["data"]["fitted"]) if result["data"]["fitted"] else recording
+    longest = max(used.trials or recording.trials, key=len)
+    (trial,) = prepare(replace(recording, trials=(longest,)), robot, base, config["robot"]["cutoff_hz"])
+    file = config["robot"]["file"]
+    file = fetch("ur10e", ["urdf"])["urdf"] if file == "ur10e" and config["data"]["name"] == "ur10e" else file
+    folder = Path(cfg["run"]) / "export"
+    handed = hand_on(arm, file, folder, (trial.t, trial.q, trial.v, trial.a), forms)
+    notes = [f"left out of every form: {name}" for name in model["whole"]]
+    table = handed.to_dict() | {"motion": trial.name, "versions": versions(), "commit": commit()}
+    write_json(folder / "export.json", table | {"notes": [*handed.notes, *notes]})
+    for line in (*str(handed).splitlines(), *notes):
+        log.info(line)
+    log.info(f"{', '.join(forms)} in {folder}; along trial {trial.name}")
+    return table
