@@ -98,7 +98,7 @@ def hand_on(
     if arm.estimated and {"mjcf", "urdf"} & set(forms) and _moving(source) != len(arm.robot.joints):
         notes.append("masses and inertias are those of the file: it has joints that move and were not recorded")
     if arm.misfit > 1e-6:
-        notes.append(f"no bodies that can exist have the estimated inertias: those written differ by {arm.misfit:.1e}")
+        notes.append("no bodies that can exist have the estimated inertias: the nearest that can are written")
     result = HandedOn(files, tuple(rows), tuple(notes))
     for name in names_of(rows):
         own = [asdict(row) for row in rows if row.target == name]

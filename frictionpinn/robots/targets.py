@@ -159,6 +159,8 @@ def _start(mechanism: Mechanism, own: Mechanism, have: Mapping[str, float]) -> d
 def _left_out(own: Mechanism, mechanism: Mechanism, have: Mapping[str, float], made: Mapping[str, float]) -> tuple:
     """Parameters of a joint that say something and that its target lacks, or has another value of."""
     silent, neutral = {"preload", "v_t", "v_sign", "tied_inertia"}, {par.name: par.neutral for par in own.parameters}
+    if have.get("mu_s") == have.get("mu_c"):
+        silent |= {"mu_s", "v_s", "alpha"}  # a Stribeck curve that is flat
     found = []
     for name, value in have.items():
         if name in silent or value == neutral[name] or not _acts(own, name, have):

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..data.public import fetch
 from ..errors import UserError
 from ..physics.base import FrictionLaw
@@ -23,6 +25,7 @@ from .provenance import commit, versions
 from .robot import recorded
 
 log = logging.getLogger(__name__)
+EXACT = 1e-6  # of the base parameters: a difference that no torque shows
 
 
 def robot_of(run: str | Path) -> dict[str, Any] | None:
@@ -50,7 +53,8 @@ def export_robot(cfg: Config, result: dict[str, Any], forms: list[str]) -> dict[
     if missing := set(declared.values) - set(model["values"]):
         raise UserError("a run of another robot file or version", where="run", received=", ".join(sorted(missing)[:3]),
                         allowed=", ".join(list(model["values"])[:3]), fix="run it again")  # fmt: skip
-    arm = Arm.identified(replace(declared, values=model["values"], free=tuple(model["free"])))
+    fitted = replace(declared, values=model["values"], free=tuple(model["free"]))
+    arm = Arm.identified(fitted)
     used = recording.select(result["data"]["fitted"]) if result["data"]["fitted"] else recording
     longest = max(used.trials or recording.trials, key=len)
     (trial,) = prepare(replace(recording, trials=(longest,)), robot, base, config["robot"]["cutoff_hz"])
@@ -59,9 +63,16 @@ def export_robot(cfg: Config, result: dict[str, Any], forms: list[str]) -> dict[
     folder = Path(cfg["run"]) / "export"
     handed = hand_on(arm, file, folder, (trial.t, trial.q, trial.v, trial.a), forms)
     notes = [f"left out of every form: {name}" for name in model["whole"]]
+    if arm.misfit > EXACT:
+        bodies, friction = arm.torques(trial.t, trial.q, trial.v, trial.a)
+        off = bodies - arm.armature * trial.a - trial.Y @ fitted.beta
+        shares = np.sqrt(np.mean(off**2, axis=0) / np.mean((bodies + friction) ** 2, axis=0))
+        told = ", ".join(f"{100 * share:.2g} %" for share in shares)
+        notes.append(f"which changes the joints' torques along the motion by {told} (rms); robot.inertia=prior or known "
+                     "estimates bodies nearer to the file's")  # fmt: skip
     table = handed.to_dict() | {"motion": trial.name, "versions": versions(), "commit": commit()}
     write_json(folder / "export.json", table | {"notes": [*handed.notes, *notes]})
-    for line in (*str(handed).splitlines(), *notes):
+    for line in (*(line for shown in handed.tables() for line in shown.text().splitlines()), *notes):
         log.info(line)
     log.info(f"{', '.join(forms)} in {folder}; along trial {trial.name}")
     return table
