@@ -68,8 +68,8 @@ def export_robot(cfg: Config, result: dict[str, Any], forms: list[str]) -> dict[
         off = bodies - arm.armature * trial.a - trial.Y @ fitted.beta
         shares = np.sqrt(np.mean(off**2, axis=0) / np.mean((bodies + friction) ** 2, axis=0))
         told = ", ".join(f"{100 * share:.2g} %" for share in shares)
-        notes.append(f"which changes the joints' torques along the motion by {told} (rms); robot.inertia=prior or known "
-                     "estimates bodies nearer to the file's")  # fmt: skip
+        notes.append(f"which changes the joints' torques along the motion by {told} (rms)")
+        notes.append("robot.inertia=prior or known estimates bodies nearer to the file's")
     table = handed.to_dict() | {"motion": trial.name, "versions": versions(), "commit": commit()}
     write_json(folder / "export.json", table | {"notes": [*handed.notes, *notes]})
     for line in (*(line for shown in handed.tables() for line in shown.text().splitlines()), *notes):
