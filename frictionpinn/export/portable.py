@@ -13,7 +13,7 @@ from torch import nn
 from ..data.contact import BASE
 from ..errors import UserError
 from ..evaluate.instant import WindowedForce
-from ..models import FrictionEnsemble, FrictionModel, ParameterEstimator, StateModel
+from ..models import FrictionEnsemble, FrictionModel, ParameterEstimator
 from ..physics import LAWS, FrictionLaw, System
 
 Layer = tuple[np.ndarray, np.ndarray]
@@ -79,9 +79,6 @@ class PortableModel:
                 allowed="a run of one network",
                 fix="train with ensemble=1",
             )
-        if isinstance(model, StateModel):
-            raise UserError("a network with a state is not handed on yet", where="run", received="model.memory=state",
-                            allowed="model.memory=windows")  # fmt: skip
         estimator = isinstance(model, ParameterEstimator)
         network = model.network
         linear = [layer for layer in network.layers if isinstance(layer, nn.Linear)]

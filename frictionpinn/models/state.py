@@ -224,7 +224,33 @@ class StateModel(FrictionModel):
         return arrays | {"x": np.concatenate([arrays["v"], arrays["N"]], axis=1)}
 
     def fit_scales(self, batch: Batch) -> None:
-        """The knots are standardised by construction."""
+        """The knots are scaled by construction; a black box starts from the reach that fits best."""
+        if self.law_parameters is not None:
+            return
+        own = {name: value.detach().clone() for name, value in self._reaching().items()}
+        best, least = 1.0, np.inf
+        for factor in 4.0 ** np.arange(-3, 6):
+            self._reach(own, factor)
+            miss = self._loss_now(batch)
+            best, least = (factor, miss) if miss < least else (best, least)
+        self._reach(own, best)
+
+    @torch.no_grad()
+    def _loss_now(self, batch: Batch) -> float:
+        """Loss as it is now."""
+        return float(self.losses(batch)["loss"])
+
+    def _reaching(self) -> dict[str, Tensor]:
+        """What depends on how far a bristle bends."""
+        found = {"dry": self.dry, "stiffness": self.stiffness, "damping": self.damping}
+        return found | ({"gap": self.gap} if hasattr(self, "gap") else {})
+
+    @torch.no_grad()
+    def _reach(self, own: dict[str, Tensor], factor: float) -> None:
+        """Bristles that bend so much further than ``own`` under the same force."""
+        power = {"dry": 1.0, "gap": 1.0, "stiffness": -1.0, "damping": -0.5}
+        for name, value in self._reaching().items():
+            value.copy_(own[name] + power[name] * np.log(factor))
 
     def losses(self, batch: Batch, outputs: tuple[Tensor, ...] | None = None) -> dict[str, Tensor]:
         own = sum(self.lengths) == len(batch["v"])

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import choose
+from ..errors import UserError, choose
 from ..export.c_code import write_c
 from ..export.mujoco_model import write_mujoco
 from ..export.onnx_model import write_onnx
 from ..export.portable import PortableModel
-from ..models import FrictionModel
+from ..export.state_c import write_state_c
+from ..models import FrictionModel, StateModel
 from ..physics import System
 from ..physics.base import at_contact, contact_of, plain_name
 from .build import Config, build_recording
@@ -60,6 +61,9 @@ def export(cfg: Config) -> dict[str, Details]:
     for contact in model.contacts:
         values = {plain_name(name): value for name, value in better.items() if contact_of(name) == contact}
         own = model.map_of(contact)
+        if isinstance(own, StateModel):
+            results |= _with_state(Path(cfg["run"]), own, system, interval, list(writers))
+            continue
         portable = PortableModel.of(own, system.at(contact), interval, values)
         for name, write in writers.items():
             folder = Path(cfg["run"]) / "export" / name / ("" if name == "mujoco" else contact)
@@ -78,6 +82,23 @@ def export(cfg: Config) -> dict[str, Details]:
             write_json(folder / told_in, results[at_contact(contact, name)])
             log.info(told(at_contact(contact, name), folder, details))
     return results
+
+
+def _with_state(run: Path, model: StateModel, system: System, interval: float, wanted: list[str]) -> dict[str, Details]:
+    """Exports of a network with a state."""
+    for name in wanted:
+        if name != "c":
+            raise UserError("a network with a state is handed on as C alone", where="export", received=name,
+                            allowed="c", fix="export=c, or train with model.memory=windows")  # fmt: skip
+    folder = run / "export" / "c"
+    folder.mkdir(parents=True, exist_ok=True)
+    details: Details = {
+        "model": model.hparams["name"], "system": system.name, "interval": {"value": interval, "unit": "s"},
+        "files": write_state_c(folder, model, system), "versions": versions(), "commit": commit(),
+    }  # fmt: skip
+    write_json(folder / "export.json", details)
+    log.info(told("c", folder, details))
+    return {"c": details}
 
 
 def told(name: str, folder: Path, details: Details) -> str:

@@ -1,0 +1,118 @@
+"""Networks with memory on the pendulum on a box: in simulation, online, parameters, and 200 random swings.
+
+    python benchmarks/networks_in_simulation.py [--models pe2 bb2] [--seeds 5] [--swings 200]
+
+Trained by experiment=memory on the six-trial protocol at 5 % noise, seeds from 1000, on which no choice was made; scored
+on Traj. 1 and Traj. 2 of conf/evaluate.yaml. The swings: 2 s, amplitude 30 to 65 degrees, 0.7 to 1.2 Hz, skewed at random,
+then 1 s of rest, in which a limit cycle would show. Writes benchmarks/results/networks_in_simulation.txt.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from frictionpinn.evaluate.in_motion import simulate_in_motion
+from frictionpinn.models.elements import StateFriction
+from frictionpinn.numerics.paths import InputPath
+from frictionpinn.numerics.simulation import ContactLost, SimulationFailed
+from frictionpinn.physics import LAWS, System
+from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.workflow.experiment import build_data
+from frictionpinn.workflow.load import load_run
+from frictionpinn.workflow.train import train
+from frictionpinn.workflow.trajectories import build_trajectories, transferred
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULT = ROOT / "benchmarks" / "results" / "networks_in_simulation.txt"
+AT_REST = 1e-4  # m/s: faster than that after a second of rest is a limit cycle
+
+
+def trained(name: str, seed: int, folder: Path) -> dict[str, Any]:
+    """Errors of one training: by trajectory in simulation and online, parameters, processor seconds."""
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        options = ["experiment=memory", f"model={name}", f"seed={seed}", "trainer.accelerator=cpu", "trainer.threads=1",
+                   "trainer.progress_bar=false"]  # fmt: skip
+        cfg: Any = OmegaConf.to_container(compose("train", overrides=options), resolve=True)
+    begin = time.process_time()
+    result = train(cfg, folder)
+    found: dict[str, Any] = {"seconds": time.process_time() - begin, "in simulation": {}, "online": {}}
+    found["parameters"] = {
+        key: entry["value"] / entry["truth"] - 1 for key, entry in result["parameters"].items() if entry.get("truth")
+    }
+    cfg, system, model = load_run(folder)
+    data, wanted = build_data(cfg, system), OmegaConf.load(ROOT / "conf" / "evaluate.yaml").trajectories
+    away = transferred(cfg, None, OmegaConf.to_container(wanted))  # type: ignore[arg-type]
+    friction = model.friction()  # type: ignore[operator]
+    for item in build_trajectories(away, system, data, {"seeds": [seed]}):
+        try:
+            force = simulate_in_motion(system, friction, item.path, item.start).F
+            found["in simulation"][item.name] = float(np.mean((force - item.force) ** 2))
+        except (ContactLost, SimulationFailed) as error:
+            found["in simulation"][item.name] = error.what
+        seen = item.seen[seed]
+        found["online"][item.name] = float(np.mean((model.predict_trial(seen)["force"] - item.force) ** 2))
+    return found | {"friction": friction, "system": system}
+
+
+def swings(system: System, friction: StateFriction, count: int) -> tuple[int, int]:
+    """How many of the random swings failed, and how many did not come to rest."""
+    rng, failed, cycles = np.random.default_rng(1000), 0, 0
+    t = np.arange(1201) / 400.0
+    mechanism = Mechanism(system, LAWS["coulomb"]())
+    for _ in range(count):
+        size, w, skew = np.deg2rad(rng.uniform(30, 65)), 2 * np.pi * rng.uniform(0.7, 1.2), rng.uniform(-0.45, 0.45)
+        fade = np.where(t < 1.5, 1.0, np.where(t < 2.0, 0.5 + 0.5 * np.cos(2 * np.pi * (t - 1.5)), 0.0))
+        theta = size * fade * np.sin(w * t + skew * np.sin(w * t))
+        omega = np.gradient(theta, t)
+        path = InputPath.from_signals(mechanism, t, {"theta": theta, "omega": omega, "alpha": np.gradient(omega, t)})
+        try:
+            run = simulate_in_motion(system, friction, path, {})
+            cycles += int(np.abs(run.v_slip[-80:]).max() > AT_REST)
+        except (ContactLost, SimulationFailed) as error:
+            failed += int(not isinstance(error, ContactLost))
+    return failed, cycles
+
+
+def told(values: list[Any]) -> str:
+    """Median [lowest, highest]; how many failed."""
+    known = [value for value in values if isinstance(value, float)]
+    text = f"{statistics.median(known):.3g} [{min(known):.3g}, {max(known):.3g}]" if known else "-"
+    return text + (f" ({len(values) - len(known)} failed)" if len(known) < len(values) else "")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--models", nargs="*", default=["pe2", "bb2"])
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--swings", type=int, default=200)
+    options = parser.parse_args()
+    lines = [f"experiment=memory on pob, seeds 1000 to {999 + options.seeds}: medians [lowest, highest]; force in N^2"]
+    for name in options.models:
+        runs = []
+        with tempfile.TemporaryDirectory() as folder:
+            for seed in range(1000, 1000 + options.seeds):
+                runs.append(trained(name, seed, Path(folder) / f"{name}_{seed}"))
+        lines += ["", f"{name}: {told([run['seconds'] for run in runs])} s of processor time for a training"]
+        for kind in ("in simulation", "online"):
+            for trajectory in runs[0][kind]:
+                lines.append(f"  {trajectory} {kind:<14} {told([run[kind][trajectory] for run in runs])}")
+        for key in runs[0]["parameters"]:
+            if any(run["parameters"][key] for run in runs):
+                lines.append(f"  {key:<8} off by {told([100 * run['parameters'][key] for run in runs])} %")
+        failed, cycles = swings(runs[0]["system"], runs[0]["friction"], options.swings)
+        lines.append(f"  {options.swings} random swings: {failed} failed, {cycles} not at rest after a second of rest")
+        print("\n".join(lines), flush=True)
+        RESULT.write_text("\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,131 @@
+"""Networks with memory on three measured mechanisms: chosen on training and validation runs, held-out runs scored once.
+
+    FRICTIONPINN_DATA=... python benchmarks/networks_measured.py [--sets brfd emps multiarm_pendulum] [--epochs 600]
+
+Every candidate is trained without the validation run and scored on it; the best is trained on all training runs and
+scored on the held-out ones, beside Coulomb + viscous friction. The damper's and the drive's score: what the measured
+motion needs of force less what was measured, over the measured force, %. The pendulum's: free runs of 4 s from the
+measured state, mrad. Writes benchmarks/results/networks_measured.txt.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from frictionpinn.data.contact import ContactTrial
+from frictionpinn.data.sets import HELD_OUT
+from frictionpinn.evaluate.force import CoulombViscousFit
+from frictionpinn.evaluate.in_motion import simulate_in_motion
+from frictionpinn.models import StateModel
+from frictionpinn.numerics.paths import InputPath
+from frictionpinn.numerics.simulation import SimulationFailed
+from frictionpinn.physics import LAWS, System
+from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.workflow.experiment import build_data
+from frictionpinn.workflow.load import load_run
+from frictionpinn.workflow.train import train
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULT = ROOT / "benchmarks" / "results" / "networks_measured.txt"
+SYSTEM = {"brfd": "damper", "emps": "drive", "multiarm_pendulum": "pendulum"}
+VALIDATION = {"brfd": "0.5Hz_30lb_1in", "emps": "", "multiarm_pendulum": "id_4"}  # the drive has one training run
+DIAGNOSED = {"brfd": "14.23 %", "emps": "3.19 %", "multiarm_pendulum": "0.90 mrad"}  # diagnose_measured.txt
+GAPS = "model.state.gaps=true"
+CANDIDATES: dict[str, list[tuple[str, ...]]] = {
+    "brfd": [("model=bb1", "model.state.elements=1"), ("model=bb1", "model.state.elements=1", GAPS),
+             ("model=bb1", "model.state.elements=2", GAPS), ("model=pe1",)],
+    "emps": [("model=bb1", "model.state.elements=1"), ("model=bb1", "model.state.elements=1", "model.state.delay=true"),
+             ("model=pe1",)],
+    "multiarm_pendulum": [("model=bb1", "model.state.elements=1"), ("model=pe1",)],
+}  # fmt: skip
+ROLLOUT_S = 4.0
+
+
+def trained(name: str, options: Sequence[str], held_out: Sequence[str], epochs: int, folder: Path):
+    """A run's configuration, system, model, trials by split, and processor seconds."""
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        given = ["experiment=memory", f"data={name}", f"system={SYSTEM[name]}", *options, "data.check=warn",
+                 f"data.held_out={list(held_out)}", "trainer.accelerator=cpu", "trainer.threads=1",
+                 "trainer.progress_bar=false", f"trainer.max_epochs={epochs}"]  # fmt: skip
+        cfg: Any = OmegaConf.to_container(compose("train", overrides=given), resolve=True)
+    begin = time.process_time()
+    train(cfg, folder)
+    cfg, system, model = load_run(folder)
+    return system, model, build_data(cfg, system), time.process_time() - begin
+
+
+def force_error(model: Any, system: System, trials: Sequence[ContactTrial]) -> float:
+    """Error of the whole force along the measured motion, over the measured force, %."""
+    off, size = 0.0, 0.0
+    for trial in trials:
+        force = model.predict_trial(trial)["force"]
+        if isinstance(model, StateModel) and hasattr(model, "delay"):
+            whole = trial.online["a_frictionless"] / model.scales["mobility"]
+            force = force - float(model.lag()) * np.gradient(whole, trial.t)
+        off += float(np.sum((force - trial.online["friction_force"]) ** 2))
+        size += float(np.sum(trial.measured["force"] ** 2))
+    return 100 * (off / size) ** 0.5
+
+
+def rollout_error(model: Any, system: System, trials: Sequence[ContactTrial]) -> float:
+    """Root mean square error of the angle over consecutive free runs, mrad."""
+    mechanism, friction, errors = Mechanism(system, LAWS["coulomb"]()), model.friction(), []
+    for trial in trials:
+        count = round(ROLLOUT_S / float(np.median(np.diff(trial.t))))
+        for k in range(0, len(trial.t) - count + 1, count):
+            t = np.ascontiguousarray(trial.t[k : k + count])
+            start = {name: float(trial.measured[name][k]) for name in ("theta", "omega")}
+            try:
+                run = simulate_in_motion(system, friction, InputPath.from_signals(mechanism, t, {}), start)
+                errors.append(run.signals["theta"] - trial.measured["theta"][k : k + count])
+            except SimulationFailed:
+                return float("inf")
+    return 1e3 * float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+
+
+def scored(name: str, epochs: int) -> list[str]:
+    """Every candidate on the validation run, the best one on the held-out runs."""
+    score = rollout_error if name == "multiarm_pendulum" else force_error
+    unit, held_out, lines, found = "mrad" if score is rollout_error else "%", list(HELD_OUT[name]), [], []
+    with tempfile.TemporaryDirectory() as folder:
+        for place, options in enumerate(CANDIDATES[name]):
+            aside = [VALIDATION[name]] if VALIDATION[name] else []
+            system, model, data, seconds = trained(name, options, held_out + aside, epochs, Path(folder) / str(place))
+            judged = [data.by_name[key] for key in aside] or data.select("train")
+            found.append(score(model, system, judged))
+            on = f"validation run {aside[0]}" if aside else "training run"
+            lines.append(f"  {' '.join(options):<66} {found[-1]:8.2f} {unit} on the {on}, {seconds:.0f} s")
+            print(lines[-1], flush=True)
+        best = CANDIDATES[name][int(np.argmin(found))]
+        system, model, data, _ = trained(name, best, held_out, epochs, Path(folder) / "best")
+        trials = [data.by_name[key] for key in (["raw"] if name == "multiarm_pendulum" else held_out)]
+        lines.append(f"  chosen: {' '.join(best)}; held out {score(model, system, trials):.2f} {unit}")
+        if score is force_error:
+            plain = force_error(CoulombViscousFit(data.select("train")), system, trials)
+            lines.append(f"  Coulomb + viscous fit: held out {plain:.2f} {unit}")
+    return [f"{name}: diagnosed model held out {DIAGNOSED[name]}", *lines]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sets", nargs="*", default=list(SYSTEM), choices=list(SYSTEM))
+    parser.add_argument("--epochs", type=int, default=600)
+    options = parser.parse_args()
+    lines = [f"experiment=memory, {options.epochs} steps; chosen without the held-out runs, which are scored once"]
+    for name in options.sets:
+        lines += ["", *scored(name, options.epochs)]
+        RESULT.write_text("\n".join(lines) + "\n")
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
