@@ -81,7 +81,7 @@ def balance_findings(robot: Robot, trials: Sequence[Prepared], motor: bool) -> l
         return [swapped]
     findings: list[Finding] = []
     turned = [k for k, f in enumerate(own) if _sign(f, columns[k]) < 0]
-    gravity = [k for k, f in enumerate(own) if _carries(columns[k], 0, tau[:, k]) and f.sure(0, 0.0)]
+    gravity = [k for k, f in enumerate(own) if _carries(f, columns[k], 0) and f.sure(0, 0.0)]
     upside = [k for k in gravity if own[k].c[0] < -1 / CAD and k not in turned]
     if len(turned) == len(own) or (turned and not upside):
         which = "every torque" if len(turned) == len(own) else listed([names[k] for k in turned])
@@ -115,9 +115,10 @@ def balance_findings(robot: Robot, trials: Sequence[Prepared], motor: bool) -> l
                 )
             )
             continue
-        place = max((0, 1), key=lambda c: float(np.std(columns[k][:, c])))
+        told = [c for c in (0, 1) if _carries(f, columns[k], c) and f.sure(c, 1.0)]
+        place = min(told, key=lambda c: float(f.errors[c]), default=0)  # gravity's or inertia's, what is known better
         factor = float(f.c[place])
-        if _carries(columns[k], place, tau[:, k]) and f.sure(place, 1.0) and not 1 / CAD < factor < CAD:
+        if told and not 1 / CAD < factor < CAD:
             off = f"a factor of {named_factor(factor)}"
             what = f"{names[k]} is {factor:.3g} times what the robot file's masses ask for, {off}"
             advice = "check its unit, gain and gear ratio, or a payload; robot.inertia=free fits other masses"
@@ -158,9 +159,9 @@ def balance_findings(robot: Robot, trials: Sequence[Prepared], motor: bool) -> l
     return findings + _late(trials, tau, own)
 
 
-def _carries(C: np.ndarray, place: int, tau: np.ndarray) -> bool:
-    """Whether a column of the regression is of a size that matters beside the torque: a tenth of it."""
-    return bool(np.std(C[:, place]) > 0.1 * np.std(tau)) or bool(np.std(C[:, place]) > 10 * np.std(tau))
+def _carries(f: Fitted, C: np.ndarray, place: int) -> bool:
+    """Whether a column's part in the torque matters: a tenth of it."""
+    return bool(abs(f.c[place]) * np.std(C[:, place]) > 0.1 * np.std(C @ f.c))
 
 
 def _sign(f: Fitted, C: np.ndarray) -> int:

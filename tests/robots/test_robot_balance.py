@@ -1,0 +1,171 @@
+"""Identification and diagnosis of an arm whose truth is known: torques of a given motion, noise and all."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arms import urdf
+
+pytest.importorskip("pinocchio")
+
+from frictionpinn.data.recording import Recording, Trial
+from frictionpinn.physics import LAWS
+from frictionpinn.physics.robot import Base, Robot
+from frictionpinn.robots.check import inspect_robot
+from frictionpinn.robots.diagnose import Settings, diagnose
+from frictionpinn.robots.identify import declare, identify, independent_armatures, relative_errors
+from frictionpinn.robots.motion import cutoff, prepare
+
+MU, VISCOUS = np.array([6.0, 8.0, 4.0]), np.array([3.0, 5.0, 2.0])
+ARMATURE = np.array([0.0, 0.0, 0.2])  # those of the first two joints are among their bodies' base parameters
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    return Robot.read(urdf(tmp_path_factory.mktemp("arm")), locked={"finger": 0.0})
+
+
+def motion(seed, duration, rate=200.0):
+    """Fourier series, a few seconds a period, that visit much of the workspace."""
+    rng, t = np.random.default_rng(seed), np.arange(int(duration * rate)) / rate
+    q, v, a = np.zeros((3, len(t), 3))
+    for k in range(3):
+        for w in rng.uniform(0.5, 3.0, 4):
+            size, phase = rng.uniform(0.2, 0.5), rng.uniform(0, 6)
+            q[:, k] += size * np.sin(w * t + phase)
+            v[:, k] += size * w * np.cos(w * t + phase)
+            a[:, k] -= size * w**2 * np.sin(w * t + phase)
+    return t, q, v, a
+
+
+def recorded(robot, seed=0, duration=25.0, change=None, noise=0.02):
+    """A recording of the arm with Coulomb and viscous friction; ``change(q, v, load, friction)`` gives other friction,
+    ``load`` the torque of the bodies."""
+    t, q, v, a = motion(seed, duration)
+    load = robot.inverse_dynamics(q, v, a)
+    friction = MU * np.sign(v) + VISCOUS * v
+    if change is not None:
+        friction = change(q, v, load, friction)
+    tau = load + ARMATURE * a + friction
+    rng = np.random.default_rng([seed, 1])
+    tau = tau + noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
+    q = q + 1e-5 * rng.standard_normal(q.shape)
+    signals = {f"q_{k + 1}": q[:, k] for k in range(3)} | {f"tau_{k + 1}": tau[:, k] for k in range(3)}
+    units = {n: "rad" if n.startswith("q") else "N*m" for n in signals}
+    return Recording((Trial("run", t, signals, start=0.0),), units, "test")
+
+
+def ready(robot, recording, hz=15.0):
+    base = Base.of(robot)
+    return base, prepare(recording, robot, base, hz)
+
+
+def test_an_arm_is_identified_with_intervals_that_hold_the_truth(robot):
+    base, trials = ready(robot, recorded(robot))
+    solution = identify(declare(robot, base, LAWS["coulomb_viscous"]()), trials)
+    values = solution.model.values
+    truth = {f"joint_{k + 1}.{n}": x[k] for k in range(3) for n, x in (("mu_c", MU), ("sigma_2", VISCOUS))}
+    truth |= {"armature.joint_3": 0.2}
+    for name, value in truth.items():
+        assert abs(values[name] - value) < 4 * solution.errors[name] + 0.02 * value, name
+    assert relative_errors(solution.model, trials)["run"].max() < 0.02
+    assert independent_armatures(robot, base) == [2]
+
+
+def test_load_dependence_is_estimated_without_bias_where_the_inertia_is_free(robot):
+    def change(q, v, load, friction):
+        return friction + np.array([0, 0.06, 0]) * np.abs(load) * np.sign(v)
+
+    base, trials = ready(robot, recorded(robot, change=change))
+    model = declare(robot, base, LAWS["coulomb_viscous"](), {"joint_2": ["load_friction"]})
+    solution = identify(model, trials)
+    low, high = solution.interval("joint_2.load_friction", times=3.0)
+    assert low < 0.06 < high and high - low < 0.02
+
+
+@pytest.mark.parametrize("law", ["coulomb_viscous", "stribeck", "lugre"])
+def test_derivatives_are_those_of_what_is_recorded(robot, law):
+    base, trials = ready(robot, recorded(robot, duration=6.0))
+    model = declare(robot, base, LAWS[law](), ["load_friction"])
+    model = model.with_values(**{f"joint_{k}.load_friction": 0.05 for k in (1, 2, 3)})
+    columns = model.columns(trials[0], model.free)
+    rng = np.random.default_rng(0)
+    for c in rng.choice(len(model.free), 6, replace=False):
+        name = model.free[c]
+        size = 1e-5 * max(abs(model.values[name]), 1e-2)
+        sides = [model.with_values(**{name: model.values[name] + s * size}).recorded(trials[0]) for s in (1, -1)]
+        expected = (sides[0] - sides[1]) / (2 * size)
+        # Of a bristle, the derivative in the load is that of a load that changes slowly.
+        near = 1e-4 if law != "lugre" or not name.startswith("inertia") else 0.05
+        np.testing.assert_allclose(columns[:, :, c], expected, atol=near * np.abs(expected).max() + 1e-7)
+
+
+CASES = {
+    "load_friction@joint_2": lambda q, v, load, f: f + np.array([0, 0.06, 0]) * np.abs(load) * np.sign(v),
+    "constant_force@joint_1": lambda q, v, load, f: f + np.array([1.5, 0, 0]),
+    "ripple@joint_3 (force)": lambda q, v, load, f: f + np.array([0, 0, 1]) * np.sin(4 * q),
+    "asymmetry@joint_3": lambda q, v, load, f: f + np.array([0, 0, 0.15]) * MU * np.abs(np.sign(v)),
+}
+
+
+@pytest.mark.parametrize("name", ["", "load_friction@joint_2", "ripple@joint_3 (force)"])
+def test_the_missing_effect_is_named_in_its_joint_and_nothing_on_a_clean_arm(robot, name):
+    base, trials = ready(robot, recorded(robot, seed=3, change=CASES.get(name)))
+    settings = Settings(
+        joints=("load_friction", "constant_force", "asymmetry", "ripple", "drag"), robot=("gain_error",)
+    )
+    d = diagnose(declare(robot, base, LAWS["coulomb_viscous"]()), trials, (), settings)
+    assert [a.term.name for a in d.accepted] == ([name] if name else [])
+    assert not d.rest
+
+
+def test_what_no_name_covers_is_unexplained_with_its_variable(robot):
+    base, trials = ready(robot, recorded(robot, seed=4, change=CASES["ripple@joint_3 (force)"]))
+    d = diagnose(declare(robot, base, LAWS["coulomb_viscous"]()), trials, (), Settings(joints=("drag",), robot=()))
+    assert d.verdicts["joint_3"] == "unexplained" and d.rest["joint_3"].variables[0] == "position"
+    assert d.verdicts["joint_1"] == "nothing missing"
+
+
+def test_a_gain_error_and_a_payload_are_found_with_their_size(robot):
+    first, second = recorded(robot, seed=5), recorded(robot, seed=6)
+    (trial,) = second.trials
+    t, q, v, a = motion(6, 25.0)
+    carried = robot.payload_regressor(robot.regressor(q, v, a)) @ [2.0, 0.3, 0.0, 0.1]
+    loaded = {f"tau_{k + 1}": trial.signals[f"tau_{k + 1}"] + carried[:, k] for k in range(3)}
+    both = [*first.trials, replace(trial, name="loaded", signals=trial.signals | loaded)]
+    trials = tuple(replace(t, signals=t.signals | {"tau_2": 1.2 * t.signals["tau_2"]}) for t in both)
+    base, ready_ = ready(robot, replace(first, trials=trials))
+    settings = Settings(joints=(), robot=("payload", "gain_error"), suspected=("loaded",))
+    d = diagnose(declare(robot, base, LAWS["coulomb_viscous"]()), ready_, (), settings)
+    assert {a.term.name for a in d.accepted} == {"payload", "gain_error@joint_2"}
+    assert d.fit.model.values["joint_2.gain_error"] == pytest.approx(0.2, abs=0.02)
+    assert d.fit.model.values["payload.mass"] == pytest.approx(2.0, rel=0.03)
+
+
+def test_the_low_pass_is_found_from_noise_and_rate(robot):
+    quiet, noisy = recorded(robot), recorded(robot)
+    (trial,) = noisy.trials
+    rough = {n: y + 1e-2 * np.random.default_rng(0).standard_normal(len(y)) if n.startswith("q") else y
+             for n, y in trial.signals.items()}  # fmt: skip
+    assert 15.0 < cutoff(quiet, 3) <= 20.0 and cutoff(replace(noisy, trials=(replace(trial, signals=rough),)), 3) < 5.0
+
+
+WRONG = {
+    "every torque acts against gravity": lambda s: {n: -y if n.startswith("tau") else y for n, y in s.items()},
+    "tau_2 acts against gravity": lambda s: s | {"tau_2": -s["tau_2"]},
+    "swapped": lambda s: s | {"tau_2": s["tau_3"], "tau_3": s["tau_2"]},
+    "where the robot file allows": lambda s: {n: np.degrees(y) if n.startswith("q") else y for n, y in s.items()},
+    "a factor of 1000|robot file allows 80": lambda s: s | {"tau_2": 1000 * s["tau_2"]},
+    "are the same": lambda s: s | {"q_3": s["q_2"]},
+    "times what the robot file's masses": lambda s: s | {"tau_2": 2.5 * s["tau_2"]},
+    "clipped|saturated": lambda s: s | {"tau_2": np.clip(s["tau_2"], -15, 15)},
+}
+
+
+@pytest.mark.parametrize("said", WRONG)
+def test_the_check_says_what_is_wrong_with_a_log(robot, said):
+    recording = recorded(robot)
+    assert not [f for f in inspect_robot(robot, recording) if f.grave]
+    (trial,) = recording.trials
+    findings = inspect_robot(robot, replace(recording, trials=(replace(trial, signals=WRONG[said](trial.signals)),)))
+    assert any(part in str(f) for f in findings for part in said.split("|")), [str(f) for f in findings]
