@@ -30,7 +30,8 @@ def seven(path: Path) -> Path:
         J = mass * length**2 / 6 + 2e-3
         parts += [
             f'<link name="l{k}"><inertial><origin xyz="0.01 {0.02 - 0.005 * k} {length / 2}"/><mass value="{mass}"/>'
-            f'<inertia ixx="{J}" ixy="0.001" ixz="0.0005" iyy="{1.1 * J}" iyz="-0.0005" izz="{0.4 * J}"/></inertial></link>'
+            f'<inertia ixx="{J}" ixy="0.001" ixz="0.0005" iyy="{1.1 * J}" iyz="-0.0005" izz="{0.4 * J}"/></inertial>'
+            "</link>"
             f'<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="l{k}"/>'
             f'<origin xyz="0 0 {lengths[k - 2] if k > 1 else 0.1}"/><axis xyz="{axis}"/>'
             '<limit effort="300" velocity="4" lower="-3" upper="3"/></joint>'
@@ -108,8 +109,8 @@ def simulate(arm: Arm, rng: np.random.Generator, duration: float, name: str = "r
     model.armature = arm.armature
     kp, inertia = (2 * np.pi * 6) ** 2, arm.armature + np.abs(np.diag(pin.crba(model, data, qr[0])))
     kd = 2 * 0.8 * np.sqrt(kp)
-    load_k, direction, asymmetry, offset = (arm.effect(e) for e in
-                                            ("load_friction", "load_direction", "asymmetry", "constant_force"))  # fmt: skip
+    load_k, direction, asymmetry = (arm.effect(e) for e in ("load_friction", "load_direction", "asymmetry"))
+    offset = arm.effect("constant_force")
     drag, ripple, drift, position = (arm.effect(e) for e in ("shear_thinning", "ripple", "drift", "position_friction"))
     compliance = arm.effect("compliance")
     q, v, z = qr[0].copy(), vr[0].copy(), np.zeros(n)

@@ -2,9 +2,9 @@
 
     python benchmarks/robots.py --seeds 1000 1030        (development: seeds below 1000)
 
-Every third arm is clean; of the others one effect at one joint (or on the robot) is not declared. Arms alternate between
-a UR10e and one of seven joints; each is recorded once, 25 s to fit and 10 s held out. Declared is LuGre at every joint,
-all inertias free. Results go to results/robots.json, one line each as they come; a second call goes on.
+Every third arm is clean; of the others one effect at one joint (or on the robot) is not declared. Arms alternate
+between a UR10e and one of seven joints; each is recorded twice, 25 s to fit and 10 s held out. Declared is LuGre at
+every joint, all inertias free. Results go to results/robots.json as they come; a second call goes on.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def one(seed: int, folder: Path) -> dict:
     wanted = "" if not effect else effect if joint is None else f"{effect}@joint_{joint + 1}"
     inside = {}
     truth = {"mu_c": arm.mu_c, "sigma_2": arm.sigma_2, "armature": arm.armature}
-    right = not effect and not named or [wanted] == named
+    right = named == ([wanted] if effect else [])
     for k, name in enumerate(d.fit.model.names):
         for par, values in truth.items():
             full = f"armature.{name}" if par == "armature" else f"{name}.{par}"
@@ -102,11 +102,14 @@ def told(rows: list[dict]) -> str:
     clean, others = [r for r in rows if not r["wanted"]], [r for r in rows if r["wanted"]]
     lines = [f"{'seed':>5} {'robot':6} {'undeclared':26} named (hardly told apart)"]
     for r in rows:
+        tied = f" ({', '.join(sorted(set(r['alike'])))})" if r["alike"] else ""
         mark = "ok" if r["found"] and not r["extra"] else "tied" if r["tied"] else "--"
         names = ", ".join(r["named"]) or "nothing"
-        lines.append(f"{r['seed']:5d} {r['robot'][:6]:6} {r['wanted'] or 'nothing':26} {mark:4} {names}"
-                     f"{' (' + ', '.join(sorted(set(r['alike']))) + ')' if r['alike'] else ''}"
-                     f"  {100 * r['held_out'][0]:.2f} -> {100 * r['held_out'][1]:.2f} %  {r['seconds']['diagnosis']:.0f} s")  # fmt: skip
+        errors = " -> ".join(f"{100 * e:.2f}" for e in r["held_out"])
+        lines.append(
+            f"{r['seed']:5d} {r['robot'][:6]:6} {r['wanted'] or 'nothing':26} {mark:4} {names}{tied}  {errors} %  "
+            f"{r['seconds']['diagnosis']:.0f} s"
+        )
     inside = [hit for r in rows for hit, _ in r["inside"].values()]
     only = sum(r["found"] and not r["extra"] for r in others)
     lines += [

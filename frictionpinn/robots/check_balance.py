@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.findings import Finding, listed, named_factor
-from ..data.thresholds import ANOTHER, EXPLAINED, HALF, SURE
+from ..data.thresholds import ANOTHER, EXPLAINED, HALF, LATE, SURE
 from ..physics.robot import Robot
 from .motion import Prepared
 
@@ -81,7 +81,7 @@ def balance_findings(robot: Robot, trials: Sequence[Prepared], motor: bool) -> l
         return [swapped]
     findings: list[Finding] = []
     turned = [k for k, f in enumerate(own) if _sign(f, columns[k]) < 0]
-    gravity = [k for k, f in enumerate(own) if _carries(f, columns[k], 0) and f.sure(0, 0.0)]
+    gravity = [k for k, f in enumerate(own) if _part(f, columns[k], 0) > 0.1 and f.sure(0, 0.0)]
     upside = [k for k in gravity if own[k].c[0] < -1 / CAD and k not in turned]
     if len(turned) == len(own) or (turned and not upside):
         which = "every torque" if len(turned) == len(own) else listed([names[k] for k in turned])
@@ -115,14 +115,15 @@ def balance_findings(robot: Robot, trials: Sequence[Prepared], motor: bool) -> l
                 )
             )
             continue
-        told = [c for c in (0, 1) if _carries(f, columns[k], c) and f.sure(c, 1.0)]
+        told = [c for c in (0, 1) if _part(f, columns[k], c) > 0.1 and f.sure(c, 1.0)]
         place = min(told, key=lambda c: float(f.errors[c]), default=0)  # gravity's or inertia's, what is known better
         factor = float(f.c[place])
         if told and not 1 / CAD < factor < CAD:
             off = f"a factor of {named_factor(factor)}"
             what = f"{names[k]} is {factor:.3g} times what the robot file's masses ask for, {off}"
             advice = "check its unit, gain and gear ratio, or a payload; robot.inertia=free fits other masses"
-            findings.append(Finding(what, advice, grave=not 1 / LIMIT < factor < LIMIT))
+            most = _part(f, columns[k], place) > HALF  # of what carries little a file may know little
+            findings.append(Finding(what, advice, grave=most and not 1 / LIMIT < factor < LIMIT))
         friction = float(np.sqrt(np.mean((columns[k][:, 3:5] @ f.c[3:5]) ** 2)))
         brakes = float(np.mean((columns[k][:, 3:5] @ f.c[3:5]) * columns[k][:, 4]))
         if (
@@ -156,12 +157,12 @@ def balance_findings(robot: Robot, trials: Sequence[Prepared], motor: bool) -> l
                     "they seem to be the motors': robot.torque=motor",
                 )
             )
-    return findings + _late(trials, tau, own)
+    return findings + _late(trials, columns, tau, own)
 
 
-def _carries(f: Fitted, C: np.ndarray, place: int) -> bool:
-    """Whether a column's part in the torque matters: a tenth of it."""
-    return bool(abs(f.c[place]) * np.std(C[:, place]) > 0.1 * np.std(C @ f.c))
+def _part(f: Fitted, C: np.ndarray, place: int) -> float:
+    """Size of a column's part in the torque."""
+    return float(abs(f.c[place]) * np.std(C[:, place]) / max(float(np.std(C @ f.c)), 1e-300))
 
 
 def _sign(f: Fitted, C: np.ndarray) -> int:
@@ -254,29 +255,29 @@ def _leaning(
     )
 
 
-def _late(trials: Sequence[Prepared], tau: np.ndarray, own: Sequence[Fitted]) -> list[Finding]:
-    """Torques that come late or early by more than half a sample of the working rate, by what their rate takes off."""
+def _late(
+    trials: Sequence[Prepared], columns: Sequence[np.ndarray], tau: np.ndarray, own: Sequence[Fitted]
+) -> list[Finding]:
+    """Torques that come late or early: by what the rate of the bodies' torque would take off.
+
+    That of friction is set aside: friction that builds up over a displacement comes late, too.
+    """
+    edges = np.cumsum([len(t.tau) for t in trials])[:-1]
     late = []
     for k, f in enumerate(own):
-        model = tau[:, k] - f.residual
-        rate = np.concatenate(
-            [
-                np.gradient(part, trial.compared)
-                for part, trial in zip(
-                    np.split(model, np.cumsum([len(t.tau) for t in trials])[:-1]), trials, strict=True
-                )
-            ]
-        )
-        found = regress(rate[:, None], f.residual, APART)
-        delay, error = -float(found.c[0]), float(found.errors[0])
-        if abs(delay) > max(SURE * error, 0.5 * float(trials[0].t[1] - trials[0].t[0])):
-            late.append((k, delay))
+        parts = [columns[k][:, :3] @ f.c[:3], columns[k][:, 3:] @ f.c[3:]]
+        rates = [
+            np.concatenate(
+                [np.gradient(x, trial.compared) for x, trial in zip(np.split(part, edges), trials, strict=True)]
+            )
+            for part in parts
+        ]
+        found = regress(np.stack([*rates, np.ones(len(tau))], axis=1), f.residual, APART)
+        if found.sure(0, 0.0) and abs(found.c[0]) > LATE * float(np.std(parts[0]) / max(np.std(rates[0]), 1e-300)):
+            late.append((k, -float(found.c[0])))
     if not late:
         return []
-    told = listed([f"tau_{k + 1} {1e3 * d:+.1f} ms" for k, d in late])
+    told = listed([f"tau_{k + 1} {1e3 * delay:+.1f} ms" for k, delay in late])
     return [
-        Finding(
-            f"torques come late (+) or early (-) against the motion: {told}",
-            "check filters and clocks; friction that builds up over a displacement looks alike",
-        )
+        Finding(f"torques come late (+) or early (-) against the motion: {told}", "check filters, clocks and columns")
     ]

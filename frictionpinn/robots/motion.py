@@ -18,14 +18,15 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from ..data.recording import Recording, Trial
+from ..data.thresholds import AS_MEASURED
 from ..errors import UserError
 from ..numerics.smoothing import difference_sigma
 from ..physics.robot import Base, Robot
 
 RIGID_HZ = 20.0  # links and gears of arms are no longer rigid above
-NOISY = 0.01  # share of an acceleration's variance that noise may be
 PER_PERIOD = 10.0  # samples a period of the fastest motion that is kept: derivatives then err by less than 1 %
-WIDER = 2.5  # times the torque's cutoff is that of positions, lest they be filtered twice where it matters
+WORKING = 25.0  # samples a period of the cutoff at which friction is computed: bristles break loose within some of them
+WIDER = 5.0  # times the torque's cutoff is that of positions, lest they be filtered twice, and breakaway with them
 THINNED = 2.5  # samples kept a period of the cutoff: at half that rate the filter passes less than 2 %
 EDGE = 2.0  # periods of the cutoff at either end of a trial, where filters and derivatives have but one side
 
@@ -109,7 +110,8 @@ def rate_of(trial: Trial) -> float:
 def cutoff(recording: Recording, joints: int) -> float:
     """Frequency, Hz, up to which accelerations stand clear of the positions' noise, and links are rigid.
 
-    Noise of standard deviation s, sampled at rate f, leaves s^2 (2 pi)^4 h^5 2 / (5 f) in accelerations up to h.
+    Noise of ``AS_MEASURED`` of an acceleration's variance makes inertias too small by that share. Noise of standard
+    deviation s, sampled at rate f, leaves s^2 (2 pi)^4 h^5 2 / (5 f) in accelerations up to h.
     """
     highest = min(RIGID_HZ, min(rate_of(trial) for trial in recording.trials) / PER_PERIOD)
     for k in range(1, joints + 1):
@@ -118,7 +120,7 @@ def cutoff(recording: Recording, joints: int) -> float:
         smooth = [_spline(trial, [f"q_{k}"], highest)[2][:, 0] for trial in recording.trials]
         moved = float(np.mean(np.concatenate(smooth) ** 2))
         if sigma > 0 and moved > 0:
-            highest = min(highest, (NOISY * moved * 5 * rate / (2 * sigma**2 * (2 * np.pi) ** 4)) ** 0.2)
+            highest = min(highest, (AS_MEASURED * moved * 5 * rate / (2 * sigma**2 * (2 * np.pi) ** 4)) ** 0.2)
     return highest
 
 
@@ -154,7 +156,7 @@ def _prepared(trial: Trial, robot: Robot, base: Base, hz: float, mean: np.ndarra
             allowed=f"at least {4 * EDGE / hz:.3g} s",
             fix="leave it out, or record longer",
         )
-    factor = max(int(rate / (PER_PERIOD * hz)), 1)
+    factor = max(int(rate / (WORKING * hz)), 1)
     q, v, a, t = _spline(trial, [f"q_{k}" for k in joints], min(WIDER * hz, 0.4 * rate), factor)
     even = np.arange(t[0], t[-1] + 0.5 / rate, 1 / rate)
     measured = make_interp_spline(trial.t, np.stack([trial.signals[f"tau_{k}"] for k in joints], axis=1), k=1)(even)

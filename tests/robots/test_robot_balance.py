@@ -129,7 +129,7 @@ def test_what_no_name_covers_is_unexplained_with_its_variable(robot):
 def test_a_gain_error_and_a_payload_are_found_with_their_size(robot):
     first, second = recorded(robot, seed=5), recorded(robot, seed=6)
     (trial,) = second.trials
-    t, q, v, a = motion(6, 25.0)
+    _, q, v, a = motion(6, 25.0)
     carried = robot.payload_regressor(robot.regressor(q, v, a)) @ [2.0, 0.3, 0.0, 0.1]
     loaded = {f"tau_{k + 1}": trial.signals[f"tau_{k + 1}"] + carried[:, k] for k in range(3)}
     both = [*first.trials, replace(trial, name="loaded", signals=trial.signals | loaded)]

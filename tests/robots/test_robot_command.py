@@ -1,0 +1,84 @@
+"""The commands with system=robot: a log is checked, identified and diagnosed; mistakes end in a line."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from arms import urdf
+from commands import call
+
+pytest.importorskip("pinocchio")
+
+from test_robot_balance import ARMATURE, MU, VISCOUS, motion
+
+from frictionpinn.physics.robot import Robot
+
+EFFECTS = "diagnose.effects=[load_friction,constant_force,drag]"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("robot")
+    robot = Robot.read(urdf(folder), locked={"finger": 0.0})
+    t, q, v, a = motion(3, 25.0)
+    load = robot.inverse_dynamics(q, v, a)
+    tau = load + ARMATURE * a + MU * np.sign(v) + VISCOUS * v + np.array([0, 0.06, 0]) * np.abs(load) * np.sign(v)
+    tau += 0.02 * tau.std(axis=0) * np.random.default_rng(0).standard_normal(tau.shape)
+    table = {"t": t} | {f"q_{k + 1}": q[:, k] for k in range(3)} | {f"tau_{k + 1}": tau[:, k] for k in range(3)}
+    pd.DataFrame(table).to_csv(folder / "log.csv", index=False, float_format="%.8g")
+    return folder
+
+
+def options(folder, *more):
+    return ("system=robot", f"robot.file={folder / 'arm.urdf'}", "robot.torque=motor", "robot.locked={finger: 0.0}",
+            f"data.path={folder / 'log.csv'}", *more)  # fmt: skip
+
+
+def test_a_log_of_an_arm_is_checked_and_diagnosed_with_a_page(folder):
+    done = call("check.py", *options(folder), cwd=folder)
+    assert done.returncode == 0 and "nothing" in done.stdout, done.stderr
+    run = options(folder, "friction=coulomb_viscous", EFFECTS, "hydra.run.dir=run")
+    done = call("diagnose.py", *run, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    result = json.loads((folder / "run/result.json").read_text())
+    assert [e["name"] for e in result["effects"]] == ["load_friction@joint_2"]
+    low, high = result["parameters"]["joint_2.load_friction"]["ci95"]
+    assert low - 0.005 < 0.06 < high + 0.005
+    page = (folder / "run/report.html").read_text()
+    assert page.index("data:image/png") < page.index("<table") and "load_friction" in page
+    assert all(after <= before for name in result["torque_error"] for before, after in
+               [(sum(result["torque_error"][name][k]) for k in ("before", "after"))])  # fmt: skip
+
+
+def test_an_arm_is_identified_by_command(folder):
+    run = options(folder, "data=csv", "friction=coulomb_viscous", "hydra.run.dir=identified")
+    done = call("identify.py", *run, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    result = json.loads((folder / "identified/result.json").read_text())
+    assert result["parameters"]["joint_1.mu_c"]["value"] == pytest.approx(MU[0], rel=0.05)
+    assert "N m" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["robot.torque=joint"], "unknown option: robot.torque is 'joint'; allowed: link, motor"),
+        (["robot.cutoff_hz=400"], "cutoff out of range: robot.cutoff_hz is 400 Hz"),
+        (["data.columns={t: t, q: q_*, current: tau_*}"], "currents without gains"),
+        (["friction.joint_9=lugre"], "unknown option: friction is 'joint_9'"),
+        (["diagnose.declared=[magic]"], "unknown option: effects is 'magic'"),
+        (["diagnose.effects=[magic]"], "unknown option: diagnose.effects is 'magic'"),
+        (["robot.payload=loaded"], "not a list of trials"),
+        (["robot.inertia=some"], "unknown option: robot.inertia is 'some'"),
+    ],
+)
+def test_a_mistake_ends_in_a_line(folder, more, said):
+    done = call("diagnose.py", *options(folder, *more), cwd=folder)
+    assert done.returncode == 2 and done.stderr.startswith("error: ") and done.stderr.count("\n") == 1, done.stderr
+    assert said in done.stderr
+
+
+def test_a_robot_that_shall_be_trained_is_refused_in_a_line(folder):
+    done = call("train.py", *options(folder, "data=csv", "model=bb1"), cwd=folder)
+    assert done.returncode == 2 and "error: " in done.stderr and done.stderr.count("\n") == 1
