@@ -10,7 +10,7 @@ from typing import Any
 
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from ..errors import UserError
 
@@ -69,6 +69,12 @@ class Configs:
     def options(self, group: str) -> list[str]:
         """Names of the files of a group."""
         return sorted({path.stem for folder in self._folders for path in (folder / group).glob("*.yaml")})
+
+    def commands_with(self, group: str) -> list[str]:
+        """Commands that take an option of a group."""
+        tables = {name: OmegaConf.load(self.folder / f"{name}.yaml") for name in sorted(SCRIPTS)}
+        groups = {name: [*table.get("defaults", [])] for name, table in tables.items() if isinstance(table, DictConfig)}
+        return [name for name, own in groups.items() if any(group in item for item in own if item != "_self_")]
 
     @property
     def _folders(self) -> list[Path]:

@@ -221,6 +221,10 @@ def _explain(error: Exception, configs: Configs, choices: list[str]) -> UserErro
     if unknown:
         key = unknown.group(1)
         full = re.search(r"full_key: ([\w.]+)", text)
+        if configs.is_group(key):
+            takes = ", ".join(called(name) for name in configs.commands_with(key))
+            return UserError("no option of this command", where="command line", received=key, allowed=f"with {takes}",
+                             fix="use one of these, or leave it out")  # fmt: skip
         keys = _all_keys(configs, choices)
         key = full.group(1) if full else key
         parent = key.rpartition(".")[0]

@@ -104,6 +104,7 @@ OPTIONS = {
     "smoothing=kalmann": r"smoothing is kalmann; .*did you mean 'kalman'",
     "data=simulate": r"data is simulate; .*did you mean 'simulated'",
     "experiment=papers": r"experiment is papers; .*did you mean 'paper'",
+    "preset=emps": r"no option of this command: .*preset.*diagnose",
     "modell=pe1": r"unknown key: .*modell.*did you mean 'model'",
     "model.network.widht=3": r"unknown key: .*model.network.widht; allowed: width.*did you mean 'model.network.width'",
     "trainer.max_epochs=many": r"not a number: trainer.max_epochs is 'many'; allowed: a number such as",
