@@ -92,7 +92,7 @@ def simulate(
           1      100      0.99        100
           signal  unit  smallest  largest
           force   N     -5        5
-          x       m     0         0.08388
+          x       m     0         0.08387
           v       m/s   -0.3374   0.3374
           a       m/s²  -4.254    2.876
     """

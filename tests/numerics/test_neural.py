@@ -23,7 +23,8 @@ class Smooth(torch.nn.Module):
     def forward(self, v_slip, normal, a_frictionless):
         assert v_slip.shape == normal.shape == a_frictionless.shape
         assert v_slip.dtype == torch.float64
-        return P["mu_c"] * normal * torch.tanh(v_slip / P["v_t"]) + P["sigma_2"] * v_slip
+        x = v_slip / P["v_t"]
+        return P["mu_c"] * normal * torch.tanh(x + x**3 / 3) + P["sigma_2"] * v_slip
 
 
 CASES = {
