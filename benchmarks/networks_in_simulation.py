@@ -101,6 +101,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             for seed in range(1000, 1000 + options.seeds):
                 runs.append(trained(name, seed, Path(folder) / f"{name}_{seed}"))
+                print(name, seed, {key: runs[-1][key] for key in ("in simulation", "online", "parameters")}, flush=True)
         lines += ["", f"{name}: {told([run['seconds'] for run in runs])} s of processor time for a training"]
         for kind in ("in simulation", "online"):
             for trajectory in runs[0][kind]:
@@ -108,6 +109,7 @@ def main() -> None:
         for key in runs[0]["parameters"]:
             if any(run["parameters"][key] for run in runs):
                 lines.append(f"  {key:<8} off by {told([100 * run['parameters'][key] for run in runs])} %")
+        RESULT.write_text("\n".join(lines) + "\n")  # the swings take long
         failed, cycles = swings(runs[0]["system"], runs[0]["friction"], options.swings)
         lines.append(f"  {options.swings} random swings: {failed} failed, {cycles} not at rest after a second of rest")
         print("\n".join(lines), flush=True)
