@@ -99,6 +99,14 @@ class Term:
         new = tuple(n for n in (*here, *(at_contact(joint, n) for n in self.candidate.hidden)) if n not in model.free)
         return replace(grown, values={**usual, **model.values, **shaped, **here}, free=(*model.free, *new))
 
+    def names(self, model: Model, hidden: bool = True) -> list[str]:
+        """Full names of its strengths and, if wanted, of what shapes it: ``joint_2.load_friction``."""
+        if self.whole is not None:
+            return list(self.whole.parameters)
+        assert self.joint is not None and self.candidate is not None
+        own = (*self.candidate.strengths, *(self.candidate.hidden if hidden else ()))
+        return [at_contact(model.names[self.joint], name) for name in own]
+
     @property
     def strengths(self) -> int:
         """How many it has."""

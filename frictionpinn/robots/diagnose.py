@@ -325,7 +325,7 @@ def _needed(
     while accepted:
         doubts = []
         for a in accepted:
-            names = _strengths(a.term, solution.model)
+            names = a.term.names(solution.model, hidden=False)
             sure = max(abs(solution.model.values[n]) / max(solution.errors[n], 1e-300) for n in names)
             doubts.append((sure, a))
         least, worst = min(doubts, key=lambda pair: pair[0])
@@ -333,21 +333,12 @@ def _needed(
             break
         refused[worst.term.name] = "its 95 % interval holds zero beside the other effects"
         model = solution.model
-        gone = _strengths(worst.term, model)
-        values = {**model.values, **dict.fromkeys(gone, 0.0)}
-        if worst.term.joint is not None:
-            gone += [f"{model.names[worst.term.joint]}.{hidden}" for hidden in worst.tried.hidden]
+        values = {**model.values, **dict.fromkeys(worst.term.names(model, hidden=False), 0.0)}
+        gone = worst.term.names(model)
         free = tuple(n for n in model.free if n not in gone)
         solution = solve(replace(model, values=values, free=free), solution.trials, solution.sigmas)
         accepted = [a for a in accepted if a is not worst]
     return solution, accepted
-
-
-def _strengths(term: Term, model: Model) -> list[str]:
-    if term.whole is not None:
-        return list(term.whole.parameters)
-    assert term.joint is not None and term.candidate is not None
-    return [f"{model.names[term.joint]}.{n}" for n in term.candidate.strengths]
 
 
 def _left(solution: Solution, settings: Settings) -> tuple[dict[str, Rest], dict[str, Rest]]:

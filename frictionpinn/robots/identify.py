@@ -11,9 +11,8 @@ from itertools import product
 
 import numpy as np
 
-from ..errors import UserError, choose
+from ..errors import choose
 from ..physics import LAWS, FrictionLaw
-from ..physics.base import at_contact
 from ..physics.effect import Effect
 from ..physics.effects import EFFECTS
 from ..physics.robot import Base, Robot
@@ -206,15 +205,3 @@ def relative_errors(model: Model, trials: Sequence[Prepared]) -> dict[str, np.nd
         left = model.recorded(trial) - trial.tau
         found[trial.name] = np.linalg.norm(left, axis=0) / np.maximum(np.linalg.norm(trial.tau, axis=0), 1e-300)
     return found
-
-
-def check_joint(name: str, names: Sequence[str], where: str) -> int:
-    """Index of a joint by its name in results; :class:`UserError` for an unknown one."""
-    if name not in names:
-        raise UserError("unknown joint", where=where, received=repr(name), allowed=", ".join(names))
-    return list(names).index(name)
-
-
-def full_name(joint: str, parameter: str) -> str:
-    """``joint_2.mu_c``."""
-    return at_contact(joint, parameter)

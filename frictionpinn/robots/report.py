@@ -73,18 +73,10 @@ def unit_of(d: RobotDiagnosis) -> dict[str, str]:
 def effect_in_words(d: RobotDiagnosis, a: Accepted) -> str:
     """An effect with its strengths and their intervals."""
     model = d.fit.model
-    names = (
-        list(a.term.whole.parameters)
-        if a.term.whole is not None
-        else [
-            f"{model.names[a.term.joint or 0]}.{n}"
-            for n in (*a.term.candidate.strengths, *a.term.candidate.hidden)  # type: ignore[union-attr]
-        ]
-    )
     units = {n: readable_unit(u) for n, u in unit_of(d).items()}
     values = [
         f"{plain_name(n)} {number(model.values[n])} {units.get(n, '')}".rstrip() + f" [{span(d.fit.interval(n))}]"
-        for n in names
+        for n in a.term.names(model)
         if n in model.values
     ]
     about = f" ({mass_by_file(d)})" if a.term.name == "payload" and mass_by_file(d) else ""

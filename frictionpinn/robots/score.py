@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -145,19 +146,17 @@ class Scorer:
         values = np.array(gains)
         return float(values.sum()), float(np.sqrt(len(values)) * values.std(ddof=1)), float(values.sum() / whole)
 
-    @property
+    @cached_property
     def _base(self) -> list[tuple[np.ndarray, np.ndarray, float]]:
         """Normal equations of what is estimated already, by stretch."""
-        if not hasattr(self, "_kept"):
-            self._kept = [
-                (
-                    sum(C[rows].T @ C[rows] for C in self.C),
-                    sum(C[rows].T @ r[rows] for C, r in zip(self.C, self.r, strict=True)),
-                    sum(float(r[rows] @ r[rows]) for r in self.r),
-                )
-                for rows in self.folds
-            ]
-        return self._kept
+        return [
+            (
+                sum(C[rows].T @ C[rows] for C in self.C),
+                sum(C[rows].T @ r[rows] for C, r in zip(self.C, self.r, strict=True)),
+                sum(float(r[rows] @ r[rows]) for r in self.r),
+            )
+            for rows in self.folds
+        ]
 
 
 def _folds(times: Sequence[np.ndarray]) -> list[slice]:

@@ -17,7 +17,7 @@ from ..errors import UserError, choose
 from ..identify.result import plain
 from ..physics import LAWS
 from ..physics.base import contact_of, plain_name
-from ..physics.robot import Base, Robot
+from ..physics.robot import INERTIAL, INERTIAL_UNITS, Base, Robot
 from ..robots.balance import Model, Solution, as_text
 from ..robots.candidates import AT_JOINTS, ON_ROBOT
 from ..robots.check import inspect_robot
@@ -40,27 +40,16 @@ log = logging.getLogger(__name__)
 LINKED = ("load_friction", "load_direction")  # friction of gears: a torque behind the gear does not hold it
 
 
-def is_robot(cfg: Config) -> bool:
-    """Whether a command is of a robot."""
-    return cfg["system"]["name"] == "robot"
-
-
 @dataclass(frozen=True)
 class Bench:
-    """A robot, its recording in parts and its declared model."""
+    """A robot, its recording in parts, its declared model, and the parts ready for the balance."""
 
     robot: Robot
     base: Base
     fitted: Recording
     held_out: Recording
     model: Model
-
-    @property
-    def trials(self) -> tuple[list[Prepared], list[Prepared]]:
-        """The parts, ready for the balance; the cutoff is that of the fitted one."""
-        return self._prepared
-
-    _prepared: tuple[list[Prepared], list[Prepared]] = ([], [])
+    trials: tuple[list[Prepared], list[Prepared]]
 
 
 def recorded(cfg: Config) -> tuple[Robot, Recording]:
@@ -241,6 +230,7 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
         f"{', '.join(b.held_out.names) or 'none'}; low-pass {fitted[0].cutoff_hz:.3g} Hz"
     )
     d = run_diagnosis(b.model, fitted, held_out, settings)
+    told = parameters(d.fit)
     folder.mkdir(parents=True, exist_ok=True)
     result: dict[str, Any] = {
         "robot": _robot(b),
@@ -251,7 +241,7 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
             {
                 "name": a.term.name,
                 "joint": None if a.term.joint is None else b.model.names[a.term.joint],
-                "parameters": {n: parameters(d.fit)[n] for n in _names(a.term, b.model) if n in d.fit.model.values},
+                "parameters": {n: told[n] for n in a.term.names(d.fit.model) if n in told},
                 "share_of_friction": a.tried.size,
                 "log10_p": plain(a.tried.scored.log_p),
                 "cross_validated_gain": [plain(a.tried.gain or 0.0), plain(a.tried.error)],
@@ -276,7 +266,7 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
             }
             for n, e in d.errors.items()
         },
-        "parameters": parameters(d.fit),
+        "parameters": told,
         "declared": parameters(d.declared),
         "model": as_text(d.fit.model),
         "cutoff_hz": fitted[0].cutoff_hz,
@@ -319,12 +309,6 @@ def _settings(cfg: Config, options: Config) -> Settings:
     )
 
 
-def _names(term: Any, model: Model) -> list[str]:
-    if term.whole is not None:
-        return list(term.whole.parameters)
-    return [f"{model.names[term.joint]}.{n}" for n in (*term.candidate.strengths, *term.candidate.hidden)]
-
-
 def _robot(b: Bench) -> dict[str, Any]:
     return {
         "name": b.robot.name,
@@ -351,7 +335,7 @@ def parameters(solution: Solution) -> dict[str, dict[str, Any]]:
     for name in model.free:
         joint, own = contact_of(name), plain_name(name)
         if name.startswith("inertia."):
-            unit = {"m": "kg"}.get(own, "kg*m" if len(own) == 2 else "kg*m^2")
+            unit = dict(zip(INERTIAL, INERTIAL_UNITS, strict=True))[own]
         elif name.startswith("armature."):
             unit = "kg*m^2" if units[f"tau_{own.rpartition('_')[2]}"] == "N*m" else "kg"
         elif name in whole:
