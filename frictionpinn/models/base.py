@@ -78,6 +78,9 @@ class FrictionModel(L.LightningModule):
         self.loss, self.scales, self.optimizer_config = dict(loss), dict(scales), dict(optimizer)
         self.parts: dict[str, Tensor] = {}
 
+    own: tuple[str, ...] = (
+        "law_parameters.",
+    )  # names of logarithms of physical quantities, with a step size of theirs
     sees_rates = False  # whether the prediction needs the rates of the signals
 
     @property
@@ -155,8 +158,8 @@ class FrictionModel(L.LightningModule):
 
     def configure_optimizers(self):
         steps = int(self.trainer.estimated_stepping_batches) if self._trainer is not None else 1000
-        physical = [p for name, p in self.named_parameters() if "law_parameters." in name]
-        weights = [p for name, p in self.named_parameters() if "law_parameters." not in name]
+        named = [(any(own in name for own in self.own), p) for name, p in self.named_parameters()]
+        physical, weights = ([p for own, p in named if own == of_law] for of_law in (True, False))
         return build_optimizer(self.optimizer_config, weights, physical, steps)
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:

@@ -29,6 +29,7 @@ STEPS = 4  # of the recursion per sample: slip velocity to 1e-4 m/s on the pendu
 GATE = 3.0  # noises of the slip velocity above which a contact surely slides, and is corrected by what is measured
 GAIN = 0.05  # share of that correction, per sample, where the model is used online
 PRESLIDING = 1e-2  # share of v^2 / a that a bristle bends: where its training starts
+SHARP = -3.0  # where training starts: n = 1.05, an exponential saturation, whose step is nearly exact
 THROUGH = ("motion", "balance")
 FAR = 50.0  # noises: a residual that diverged
 
@@ -36,11 +37,12 @@ FAR = 50.0  # noises: a residual that diverged
 class StateModel(FrictionModel):
     """F = sum_k kappa_k dead(z_k, gap_k) + damp(c_k z_k') + v r(v, N), z_k' = v - |v| sgn(z_k) (|z_k| / s_k)^n_k.
 
-    A black box has ``elements`` such bristles, s_k = gap_k + N T_k(v, N) and r(v, N) from a network with positive
-    outputs. No closed cycle of motion gives energy (:mod:`..numerics.state_recursions`). A parameter estimator
-    has the law's one: kappa = sigma_0, c = sigma_1, n = 1, no gap, N T = capacity / sigma_0 times exp(network), a
-    departure from the law that ``loss.weight`` keeps small, and r = sigma_2. The network is read at the knots of a
-    table, which recursion, simulation and export share.
+    A black box has ``elements`` such bristles, s_k = gap_k + N T_k(v, N), kappa_k T_k(v, N) and r(v, N) from a network
+    with positive outputs: kappa_k T_k, the share of the load at which a bristle slides, is what a motion tells best, so
+    the stiffness is free to move under it. No closed cycle of motion gives energy
+    (:mod:`..numerics.state_recursions`). A parameter estimator has the law's one: kappa = sigma_0, c = sigma_1, n = 1,
+    no gap, N T = capacity / sigma_0 times exp(network), a departure from the law that ``loss.weight`` keeps small, and
+    r = sigma_2. The network is read at the knots of a table, which recursion, simulation and export share.
 
     Trained through the ``balance`` the slip velocity is the measured one, and the force is compared with that of the
     equation of motion. Trained through the ``motion`` it moves, v' = a_frictionless - mobility F, and velocity and
@@ -64,7 +66,7 @@ class StateModel(FrictionModel):
     share: Tensor
     knots: Tensor
     eyes: Tensor
-    dry: Tensor
+    own = ("law_parameters.", "stiffness", "damping", "gap", "sharp")
 
     def __init__(self, *, state: dict[str, Any], law: dict[str, Any] | None = None, **common: Any):
         super().__init__(**common, state=state, law=law)
@@ -105,13 +107,12 @@ class StateModel(FrictionModel):
         scales, K = self.scales, self.K
         bend = PRESLIDING * scales["velocity"] ** 2 / scales["acceleration"]
         reach = bend * 4.0 ** torch.arange(K)
-        self.bend = float(bend)
         self.stiffness = nn.Parameter(torch.log(scales["force"] / K / reach))
-        self.sharp = nn.Parameter(torch.full((K,), -1.0))
+        self.sharp = nn.Parameter(torch.full((K,), SHARP))
         if options.get("gaps"):
             self.gap = nn.Parameter(torch.log(0.5 * reach))
         load = 0.5 * (scales["load_low"] + scales["load_high"])
-        self.register_buffer("dry", torch.log(reach / load))
+        self.dry = float(np.log(scales["force"] / K / load))
         mass = 1 / scales["mobility"] if scales["mobility"] else 0.0
         self.damping = nn.Parameter(torch.log(torch.sqrt(torch.exp(self.stiffness.detach()) * mass).clamp_min(1e-9)))
         self.viscous = float(np.log(scales["viscous"]))
@@ -145,7 +146,7 @@ class StateModel(FrictionModel):
             r = p.get("sigma_2", zero) * torch.ones_like(T)
             one = [p["sigma_0"], p.get("sigma_1", zero), zero, zero + 1.0]
             return torch.stack([T, r]).reshape(2, *shape), torch.stack(one)[:, None], told
-        T = torch.exp(told[:, : self.K] + self.dry)
+        T = torch.exp(told[:, : self.K] + self.dry - self.stiffness)
         r = torch.exp(told[:, self.K] + self.viscous)
         gap = torch.exp(self.gap) if hasattr(self, "gap") else torch.zeros_like(self.stiffness)
         n = 1 + nn.functional.softplus(self.sharp)
@@ -242,13 +243,13 @@ class StateModel(FrictionModel):
 
     def _reaching(self) -> dict[str, Tensor]:
         """What depends on how far a bristle bends."""
-        found = {"dry": self.dry, "stiffness": self.stiffness, "damping": self.damping}
+        found = {"stiffness": self.stiffness, "damping": self.damping}
         return found | ({"gap": self.gap} if hasattr(self, "gap") else {})
 
     @torch.no_grad()
     def _reach(self, own: dict[str, Tensor], factor: float) -> None:
         """Bristles that bend so much further than ``own`` under the same force."""
-        power = {"dry": 1.0, "gap": 1.0, "stiffness": -1.0, "damping": -0.5}
+        power = {"gap": 1.0, "stiffness": -1.0, "damping": -0.5}
         for name, value in self._reaching().items():
             value.copy_(own[name] + power[name] * np.log(factor))
 
