@@ -50,17 +50,17 @@ def write_c(folder: Path, portable: PortableModel) -> list[str]:
         "friction.c": f'#include "friction.h"\n\n#include <math.h>\n{source}',
         "simulate.c": simulate_source(portable),
     }
-    return _write(folder, _at_contact(files, portable.contact) if portable.contact else files)
+    return write_files(folder, at_contact(files, portable.contact) if portable.contact else files)
 
 
 def write_law_c(folder: Path, law: FrictionLaw, values: Mapping[str, float], system: System) -> list[str]:
     """Write ``friction.h`` and ``friction.c`` of a law alone, with these parameters (SI units)."""
     header = _header(f"{law.name} friction", system, _law_header(law, system))
     source = f'#include "friction.h"\n\n#include <math.h>\n{_law_source(law, values)}'
-    return _write(folder, {"friction.h": header, "friction.c": source})
+    return write_files(folder, {"friction.h": header, "friction.c": source})
 
 
-def _at_contact(files: Mapping[str, str | None], contact: str) -> dict[str, str | None]:
+def at_contact(files: Mapping[str, str | None], contact: str) -> dict[str, str | None]:
     """The files with the contact's name before theirs and before every name that they share with a program."""
 
     def own(text: str) -> str:
@@ -70,7 +70,8 @@ def _at_contact(files: Mapping[str, str | None], contact: str) -> dict[str, str 
     return {own(name): text and own(text) for name, text in files.items()}
 
 
-def _write(folder: Path, files: Mapping[str, str | None]) -> list[str]:
+def write_files(folder: Path, files: Mapping[str, str | None]) -> list[str]:
+    """Write the files that have a text; returns their names."""
     for name, text in files.items():
         if text is not None:
             (folder / name).write_text(text, encoding="ascii")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
@@ -14,17 +14,19 @@ from .portable import PortableModel
 Signals = dict[str, np.ndarray]
 
 
-def made_up_signals(portable: PortableModel, scales: Mapping[str, float], count: int, seed: int) -> Signals:
+def made_up_signals(
+    names: Sequence[str], interval: float, scales: Mapping[str, float], count: int, seed: int
+) -> Signals:
     """Smooth signals over time, each of shape (count,), as large as in training, with their rates ``<name>_rate``.
 
     Each is a sum of sines from 0.3 to 30 Hz around a mean (of the normal force; the others swing about 0).
     """
     random = np.random.default_rng(seed)
-    t = np.arange(count) * portable.interval
+    t = np.arange(count) * interval
     load = scales["force"] / max(scales["ratio"], 1e-12)
     typical = {"v_slip": scales["velocity"], "normal_force": load, "a_frictionless": scales["acceleration"]}
     signals: Signals = {}
-    for name in portable.signals:
+    for name in names:
         frequency, phase = 2 * np.pi * 0.3 * 100 ** random.random(8), 2 * np.pi * random.random(8)
         share = random.random(8) / frequency
         share *= typical[name] / share.sum()

@@ -13,11 +13,12 @@ from ..numerics.torch_functions import capacity_rate
 from ..physics import CONTACT, FrictionLaw
 from .functions import bristle, python_function
 from .portable import PortableModel
+from .portable_state import PortableState
 
 _TEMPLATES = Path(__file__).parent / "templates"
 
 
-def write_mujoco(folder: Path, portable: PortableModel) -> list[str]:
+def write_mujoco(folder: Path, portable: PortableModel | PortableState) -> list[str]:
     """Write ``friction_mujoco.py``, ``friction_model.py``, its numbers, the law, and for the PoB an example.
 
     Of one of several contacts numbers and law carry its name, ``hinge_friction_model.json``; the rest is shared.
@@ -42,12 +43,12 @@ def write_mujoco(folder: Path, portable: PortableModel) -> list[str]:
     return list(files)
 
 
-def kinds(portable: PortableModel) -> list[str]:
+def kinds(portable: PortableModel | PortableState) -> list[str]:
     """What can be simulated with."""
     return ["network"] if portable.law is None else ["law", "network"]
 
 
-def describe(portable: PortableModel) -> dict[str, Any]:
+def describe(portable: PortableModel | PortableState) -> dict[str, Any]:
     """Everything about the model as plain values with units."""
     units, law = portable.units, portable.law
     names = {par.name: portable.system.unit(par) for par in law.parameters} if law else {}
@@ -60,12 +61,25 @@ def describe(portable: PortableModel) -> dict[str, Any]:
         "parameters": {name: {"value": portable.identified[name], "unit": unit} for name, unit in names.items()},
         "network_parameters": {name: {"value": portable.values[name], "unit": unit} for name, unit in names.items()},
         "signals": list(portable.signals),
-        "inputs": list(portable.inputs),
         "units": units,
         "interval": {"value": portable.interval, "unit": "s"},
-        "samples": portable.length,
         "force_scale": {"value": portable.force_scale, "unit": units["force"]},
-        "z_scale": {"value": portable.z_scale, "unit": units["z"]},
+        **(_bristles(portable) if isinstance(portable, PortableState) else _windows(portable)),
+    }
+
+
+def _bristles(portable: PortableState) -> dict[str, Any]:
+    """Of a network with memory: its table and its bristles."""
+    numbers = portable.numbers
+    return {name: getattr(numbers, name).tolist() for name in ("tables", "grid", "elements")}
+
+
+def _windows(portable: PortableModel) -> dict[str, Any]:
+    """Of a network with windows of the past."""
+    return {
+        "inputs": list(portable.inputs),
+        "samples": portable.length,
+        "z_scale": {"value": portable.z_scale, "unit": portable.units["z"]},
         "bristle": portable.bristle,
         "activation": portable.activation,
         "odd": portable.odd,

@@ -23,7 +23,7 @@ from .histories import made_up_signals, reference, windows
 from .portable import PortableModel
 
 TOLERANCE = 1e-3  # of the force's root mean square: single precision
-_TEXT = {
+SIGNAL_TEXT = {
     "v_slip": "slip velocity",
     "normal_force": "normal force",
     "a_frictionless": "slip acceleration if the contact had no friction",
@@ -114,13 +114,14 @@ def write_onnx(folder: Path, model: FrictionModel, portable: PortableModel) -> d
     names = [*portable.signals, *(f"{name}_rate" for name in portable.signals if portable.estimator)]
     outputs = ["force", *(["z", "z_rate"] if portable.estimator else [])]
     described = _describe(portable, names, outputs)
-    _export(path, ExportedGraph(model.eval(), portable), names, outputs, portable.length)
+    arguments = [torch.rand(3, portable.length) for _ in names]
+    save_graph(path, ExportedGraph(model.eval(), portable), names, outputs, arguments)
     _annotate(path, portable, described)
     return {"files": [path.name], **described, "check": _check(path, model, portable, names)}
 
 
-def _export(path: Path, graph: ExportedGraph, names: list[str], outputs: list[str], length: int) -> None:
-    arguments = tuple(torch.rand(3, length) for _ in names)
+def save_graph(path: Path, graph: nn.Module, names: list[str], outputs: list[str], arguments: list[Tensor]) -> None:
+    """Write a module as ONNX; the first axis of every input, of which ``arguments`` are examples, is a batch."""
     batch = torch.export.Dim("batch", min=1)
     told = {name: logging.getLogger(name).level for name in ("torch.onnx", "onnxscript", "onnx_ir")}
     with torch.no_grad(), warnings.catch_warnings():
@@ -129,10 +130,10 @@ def _export(path: Path, graph: ExportedGraph, names: list[str], outputs: list[st
             logging.getLogger(name).setLevel(logging.ERROR)
         try:
             shapes = (tuple({0: batch} for _ in names),)
-            program = torch.export.export(graph, arguments, dynamic_shapes=shapes, strict=False)
+            program = torch.export.export(graph, tuple(arguments), dynamic_shapes=shapes, strict=False)
             # Not optimised: onnxscript drops the 1e-12 that keeps the Stribeck curve's derivative finite at v = 0.
             named = partial(torch.onnx.export, input_names=names, output_names=outputs)
-            exported = named(program, arguments, dynamo=True, verbose=False, optimize=False)
+            exported = named(program, tuple(arguments), dynamo=True, verbose=False, optimize=False)
         finally:
             for name, level in told.items():
                 logging.getLogger(name).setLevel(level)
@@ -142,7 +143,11 @@ def _export(path: Path, graph: ExportedGraph, names: list[str], outputs: list[st
 
 def _describe(portable: PortableModel, names: list[str], outputs: list[str]) -> dict[str, Any]:
     def entry(name: str, shape: list) -> dict[str, Any]:
-        text = _TEXT[name] if name in _TEXT else f"time derivative of {_TEXT[name.removesuffix('_rate')]}"
+        text = (
+            SIGNAL_TEXT[name]
+            if name in SIGNAL_TEXT
+            else f"time derivative of {SIGNAL_TEXT[name.removesuffix('_rate')]}"
+        )
         return {"unit": portable.units[name], "shape": shape, "text": text}
 
     return {
@@ -177,16 +182,25 @@ def _annotate(path: Path, portable: PortableModel, described: dict[str, Any]) ->
 
 
 def _check(path: Path, model: FrictionModel, portable: PortableModel, names: list[str]) -> dict[str, Any]:
-    """Batches of 1 and of 1000 instants; the model in double precision, the graph in single."""
+    """Made-up histories: the model in double precision, the graph in single."""
+    signals = made_up_signals(portable.signals, portable.interval, model.scales, 1000, seed=0)
+    feed = {name: windows(signals[name], portable.length).astype(np.float32) for name in names}
+    return compare(path, feed, reference(model, portable, signals)["force"], portable.units["force"])
+
+
+def compare(path: Path, feed: dict[str, np.ndarray], expected: np.ndarray, unit: str) -> dict[str, Any]:
+    """The graph's force at many instants, as one batch and one of them by itself, beside the model's, shape (n,).
+
+    Raises:
+        UserError: they differ by more than single precision explains.
+    """
     import onnxruntime
 
     session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
-    signals = made_up_signals(portable, model.scales, 1000, seed=0)
-    expected = reference(model, portable, signals)["force"]
-    feed = {name: windows(signals[name], portable.length).astype(np.float32) for name in names}
+    middle = len(expected) // 2
     whole = session.run(["force"], feed)[0][:, 0]
-    single = session.run(["force"], {name: values[500:501] for name, values in feed.items()})[0][:, 0]
-    difference = max(float(np.abs(whole - expected).max()), float(np.abs(single - expected[500]).max()))
+    single = session.run(["force"], {name: values[middle : middle + 1] for name, values in feed.items()})[0][:, 0]
+    difference = max(float(np.abs(whole - expected).max()), float(np.abs(single - expected[middle]).max()))
     relative = difference / float(np.sqrt(np.mean(expected**2)))
     if not relative < TOLERANCE:
         raise UserError(
@@ -197,7 +211,7 @@ def _check(path: Path, model: FrictionModel, portable: PortableModel, names: lis
             fix="try other versions of onnx, onnxscript and onnxruntime (constraints.txt names those that agree)",
         )
     return {
-        "against": "torch in double precision, 1000 made-up histories",
-        "largest_difference": {"value": difference, "unit": portable.units["force"]},
+        "against": f"the model in double precision, {len(expected)} made-up instants",
+        "largest_difference": {"value": difference, "unit": unit},
         "relative": relative,
     }

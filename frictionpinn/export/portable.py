@@ -19,8 +19,35 @@ from ..physics import LAWS, FrictionLaw, System
 Layer = tuple[np.ndarray, np.ndarray]
 
 
+class Titled:
+    """What every exported model tells of itself: its contact, its units, one line."""
+
+    name: str
+    system: System
+
+    @property
+    def contact(self) -> str:
+        """Name of the contact; empty where the system has no other."""
+        return self.system.contacts[0].name if len(self.system.whole.contacts) > 1 else ""
+
+    @property
+    def units(self) -> dict[str, str]:
+        """SI unit of every signal, of its rate, and of the outputs."""
+        force, slip = self.system.force_unit, self.system.slip_unit
+        units = {"v_slip": f"{slip}/s", "normal_force": force, "a_frictionless": f"{slip}/s^2"}
+        units |= {"v_slip_rate": f"{slip}/s^2", "normal_force_rate": f"{force}/s", "a_frictionless_rate": f"{slip}/s^3"}
+        return units | {"force": force, "z": slip, "z_rate": f"{slip}/s"}
+
+    @property
+    def title(self) -> str:
+        """One line that says what this is."""
+        return (
+            f"friction model {self.name}{f' of {self.contact}' if self.contact else ''}, trained on {self.system.title}"
+        )
+
+
 @dataclass(frozen=True)
-class PortableModel:
+class PortableModel(Titled):
     """Features, network and law of a trained model.
 
     The features are x = sum over signals and samples of weights[signal][back] * value, ``back`` = 0 the newest. The
@@ -103,11 +130,6 @@ class PortableModel:
         )
 
     @property
-    def contact(self) -> str:
-        """Name of the contact; empty where the system has no other."""
-        return self.system.contacts[0].name if len(self.system.whole.contacts) > 1 else ""
-
-    @property
     def estimator(self) -> bool:
         """Whether it is a parameter estimator: it then sees rates of the signals too."""
         return self.law is not None
@@ -122,21 +144,6 @@ class PortableModel:
         """Signals to give: those of the network, and those of the law."""
         needed = {*self.inputs, *(("v_slip", "normal_force") if self.estimator else ())}
         return tuple(name for name in BASE if name in needed)
-
-    @property
-    def units(self) -> dict[str, str]:
-        """SI unit of every signal, of its rate, and of the outputs."""
-        force, slip = self.system.force_unit, self.system.slip_unit
-        units = {"v_slip": f"{slip}/s", "normal_force": force, "a_frictionless": f"{slip}/s^2"}
-        units |= {"v_slip_rate": f"{slip}/s^2", "normal_force_rate": f"{force}/s", "a_frictionless_rate": f"{slip}/s^3"}
-        return units | {"force": force, "z": slip, "z_rate": f"{slip}/s"}
-
-    @property
-    def title(self) -> str:
-        """One line that says what this is."""
-        return (
-            f"friction model {self.name}{f' of {self.contact}' if self.contact else ''}, trained on {self.system.title}"
-        )
 
 
 def _array(tensor: torch.Tensor) -> np.ndarray:

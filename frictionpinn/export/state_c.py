@@ -3,37 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from string import Template
 
 import numpy as np
 
 from .. import __version__
-from ..models import StateModel
-from ..physics import System
-
-_TEMPLATES = Path(__file__).parent / "templates"
+from .c_code import at_contact, fill, write_files
+from .portable_state import PortableState
 
 
-def write_state_c(folder: Path, model: StateModel, system: System) -> list[str]:
-    """Write ``friction.h`` and ``friction.c``; of one of several contacts every name carries the contact's.
+def write_state_c(folder: Path, portable: PortableState) -> list[str]:
+    """Write ``friction.h`` and ``friction.c``; of one of several contacts names begin with the contact's.
 
     Returns:
         Names of the files.
     """
-    numbers = model.friction()
+    numbers, system = portable.numbers, portable.system
     K, velocities, loads = numbers.states, *numbers.tables.shape[1:]
     places = {
-        "title": f"friction model {model.hparams['name']} with memory, trained on {system.title}",
-        "version": __version__, "force": system.force_unit, "slip": system.slip_unit, "states": K,
-        "velocities": velocities, "loads": loads, "grid": _list(numbers.grid),
+        "title": portable.title, "version": __version__, "force": system.force_unit, "slip": system.slip_unit,
+        "states": K, "velocities": velocities, "loads": loads, "grid": _list(numbers.grid),
         "tables": _list(numbers.tables.ravel()), "elements": _list(numbers.elements.ravel()),
     }  # fmt: skip
-    files = {}
-    for name in ("friction.h", "friction.c"):
-        text = Template((_TEMPLATES / f"state_{name}").read_text(encoding="utf-8")).substitute(places)
-        files[name] = text
-        (folder / name).write_text(text, encoding="ascii", errors="replace")
-    return list(files)
+    files = {name: fill(f"state_{name}", **places) for name in ("friction.h", "friction.c")}
+    return write_files(folder, at_contact(files, portable.contact) if portable.contact else files)
 
 
 def _list(values: np.ndarray) -> str:

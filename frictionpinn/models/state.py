@@ -241,7 +241,7 @@ class StateModel(FrictionModel):
         """Loss as it is now."""
         return float(self.losses(batch)["loss"])
 
-    def _reaching(self) -> dict[str, Tensor]:
+    def _reaching(self) -> dict[str, nn.Parameter]:
         """What depends on how far a bristle bends."""
         found = {"stiffness": self.stiffness, "damping": self.damping}
         return found | ({"gap": self.gap} if hasattr(self, "gap") else {})

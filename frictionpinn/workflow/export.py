@@ -9,13 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UserError, choose
+from ..errors import choose
 from ..export.c_code import write_c
 from ..export.mujoco_model import write_mujoco
 from ..export.onnx_model import write_onnx
 from ..export.portable import PortableModel
+from ..export.portable_state import PortableState
 from ..export.state_c import write_state_c
-from ..models import FrictionModel, StateModel
+from ..export.state_onnx import write_state_onnx
+from ..models import StateModel
 from ..physics import System
 from ..physics.base import at_contact, contact_of, plain_name
 from .build import Config, build_recording
@@ -28,10 +30,14 @@ from .train import quiet
 log = logging.getLogger(__name__)
 
 Details = dict[str, Any]
-EXPORTS: dict[str, Callable[[Path, FrictionModel, PortableModel], Details]] = {
+EXPORTS: dict[str, Callable[[Path, Any, Any], Details]] = {  # model with windows, PortableModel
     "onnx": write_onnx,
     "c": lambda folder, _, portable: {"files": write_c(folder, portable)},
     "mujoco": lambda folder, _, portable: {"files": write_mujoco(folder, portable)},
+}
+STATE_EXPORTS: dict[str, Callable[[Path, Any, Any], Details]] = EXPORTS | {  # StateModel, PortableState
+    "onnx": write_state_onnx,
+    "c": lambda folder, _, portable: {"files": write_state_c(folder, portable)},
 }
 
 
@@ -55,20 +61,18 @@ def export(cfg: Config) -> dict[str, Details]:
     if robot := robot_of(cfg["run"]):
         return export_robot(cfg, robot, [str(name) for name in wanted])
     quiet()
-    writers = {str(name): choose(str(name), EXPORTS, "export") for name in wanted}
+    names = [str(name) for name in wanted if choose(str(name), EXPORTS, "export")]
     trained, system, model = load_run(cfg["run"])
     interval, better, results = sampling_interval(trained, system), refined(cfg["run"]), dict[str, Details]()
     for contact in model.contacts:
         values = {plain_name(name): value for name, value in better.items() if contact_of(name) == contact}
         own = model.map_of(contact)
-        if isinstance(own, StateModel):
-            results |= _with_state(Path(cfg["run"]), own, system, interval, list(writers))
-            continue
-        portable = PortableModel.of(own, system.at(contact), interval, values)
-        for name, write in writers.items():
+        remembers = isinstance(own, StateModel)
+        portable = (PortableState if remembers else PortableModel).of(own, system.at(contact), interval, values)  # type: ignore[arg-type]
+        for name in names:
             folder = Path(cfg["run"]) / "export" / name / ("" if name == "mujoco" else contact)
             folder.mkdir(parents=True, exist_ok=True)
-            details = write(folder, own, portable)
+            details = (STATE_EXPORTS if remembers else EXPORTS)[name](folder, own, portable)
             results[at_contact(contact, name)] = {
                 "model": portable.name,
                 "system": system.name,
@@ -82,23 +86,6 @@ def export(cfg: Config) -> dict[str, Details]:
             write_json(folder / told_in, results[at_contact(contact, name)])
             log.info(told(at_contact(contact, name), folder, details))
     return results
-
-
-def _with_state(run: Path, model: StateModel, system: System, interval: float, wanted: list[str]) -> dict[str, Details]:
-    """Exports of a network with a state."""
-    for name in wanted:
-        if name != "c":
-            raise UserError("a network with a state is handed on as C alone", where="export", received=name,
-                            allowed="c", fix="export=c, or train with model.memory=windows")  # fmt: skip
-    folder = run / "export" / "c"
-    folder.mkdir(parents=True, exist_ok=True)
-    details: Details = {
-        "model": model.hparams["name"], "system": system.name, "interval": {"value": interval, "unit": "s"},
-        "files": write_state_c(folder, model, system), "versions": versions(), "commit": commit(),
-    }  # fmt: skip
-    write_json(folder / "export.json", details)
-    log.info(told("c", folder, details))
-    return {"c": details}
 
 
 def told(name: str, folder: Path, details: Details) -> str:

@@ -1,6 +1,6 @@
 """The exported friction, step by step, whatever simulator asks: the law with its bristle, and the trained network.
 
-Both give ``force(now)``, which keeps nothing, so that a solver may try states; ``keep(now)`` goes on to the next step.
+All give ``force(now)``, which keeps nothing, so that a solver may try states; ``keep(now)`` goes on to the next step.
 ``now`` holds v_slip, a_slip, normal_force and a_frictionless at the end of the step, in SI units.
 Needs numpy alone.
 """
@@ -69,6 +69,56 @@ class Law:
         v, N = now["v_slip"], now["normal_force"]
         z = self._advance(v, N)
         return self.law.force(v, N, z, self.law.bristle_rate(v, N, z, *self.p), *self.p)
+
+    def keep(self, now: dict) -> None:
+        self.z = self._advance(now["v_slip"], now["normal_force"])
+        self.slip, self.normal = now["v_slip"], now["normal_force"]
+
+
+class Bristles:
+    """The trained network with memory: bristles in parallel, saturated by what its table says; any timestep."""
+
+    signals = ("v_slip", "normal_force")
+
+    def __init__(self, description: dict, timestep: float):
+        self.table, self.grid = np.array(description["tables"]), description["grid"]
+        self.stiffness, self.damping, self.gap, self.sharpness = np.array(description["elements"])
+        self.h = timestep
+        self.reset()
+
+    def reset(self) -> None:
+        self.z, self.slip, self.normal = np.zeros(len(self.stiffness)), None, None
+
+    def _look(self, v: float, N: float) -> np.ndarray:
+        """Reach over load of every bristle, then the viscous coefficient: bilinear, held at the ends."""
+        v0, first, step, lowest, apart = self.grid
+        _, velocities, loads = self.table.shape
+        x = min(max((math.asinh(v / v0) - first) / step, 0.0), velocities - 1.0)
+        y = min(max((N - lowest) / apart, 0.0), loads - 1.0)
+        i, j = min(int(x), velocities - 2), min(int(y), loads - 2)
+        x, y = x - i, y - j
+        (a, b), (c, d) = self.table[:, i : i + 2, j : j + 2].transpose(1, 2, 0)
+        return (1 - x) * ((1 - y) * a + y * b) + x * ((1 - y) * c + y * d)
+
+    def _advance(self, v: float, N: float) -> np.ndarray:
+        middle = v if self.slip is None else (v + self.slip) / 2
+        load = N if self.normal is None else (N + self.normal) / 2
+        reach = self.gap + load * self._look(middle, load)[:-1]
+        bent = np.where(self.sharpness == 1, 1.0, (np.abs(self.z) / reach) ** (self.sharpness - 1))
+        x = abs(middle) * self.h / reach * bent
+        return self.z * np.exp(-x) + middle * self.h * np.where(
+            x < 1e-8, 1 - x / 2, -np.expm1(-x) / np.maximum(x, 1e-8)
+        )
+
+    def force(self, now: dict) -> float:
+        v, N = now["v_slip"], now["normal_force"]
+        z, seen = self._advance(v, N), self._look(v, N)
+        share = (np.abs(z) / (self.gap + N * seen[:-1])) ** self.sharpness
+        rate = v - abs(v) * np.sign(z) * share
+        spring = self.stiffness * np.maximum(np.abs(z) - self.gap, 0)
+        damping, most = self.damping * rate, spring * share
+        damping = np.where((rate * v < 0) & (np.abs(damping) > most), -np.sign(z) * most, damping)
+        return float(v * seen[-1] + np.sum(np.sign(z) * spring + damping))
 
     def keep(self, now: dict) -> None:
         self.z = self._advance(now["v_slip"], now["normal_force"])

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from friction_model import Law, Network
+from friction_model import Bristles, Law, Network
 
 HERE = Path(__file__).resolve().parent
 SWEEPS, SETTLED = 50, 1e-6  # over the forces of several contacts, and change of a force, by its scale, that ends them
@@ -108,7 +108,8 @@ class Friction:
         self.model, self.joint, self.bodies, self.axis = model, joint, bodies, np.asarray(axis, float)
         self.contacts = Contacts(*bodies) if bodies else None
         self.normal_force = normal or self.contacts
-        self.law = (Law if kind == "law" else Network)(self.description, model.opt.timestep)
+        network = Bristles if "tables" in self.description else Network
+        self.law = (Law if kind == "law" else network)(self.description, model.opt.timestep)
         self.reset()
 
     def reset(self) -> None:
