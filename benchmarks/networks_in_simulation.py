@@ -4,7 +4,7 @@
 
 Trained by experiment=memory on the six-trial protocol at 5 % noise, with seeds from 1000, on which no choice was made;
 scored on Traj. 1 and Traj. 2 of conf/evaluate.yaml. The swings: 2 s of 30 to 65 degrees at 0.7 to 1.2 Hz, skewed at
-random, then 1 s of rest, in which a limit cycle would show. Writes benchmarks/results/networks_in_simulation.txt.
+random, then 1 s of rest, in which a limit cycle would show. Writes benchmarks/results/networks_in_simulation_<model>.txt.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from frictionpinn.workflow.train import train
 from frictionpinn.workflow.trajectories import build_trajectories, transferred
 
 ROOT = Path(__file__).resolve().parents[1]
-RESULT = ROOT / "benchmarks" / "results" / "networks_in_simulation.txt"
+RESULTS = ROOT / "benchmarks" / "results"
 AT_REST = 1e-4  # m/s: faster than that after a second of rest is a limit cycle
 
 
@@ -95,9 +95,9 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--swings", type=int, default=200)
     options = parser.parse_args()
-    lines = [f"experiment=memory on pob, seeds 1000 to {999 + options.seeds}: medians [lowest, highest]; force in N^2"]
+    head = f"experiment=memory on pob, seeds 1000 to {999 + options.seeds}: medians [lowest, highest]; force in N^2"
     for name in options.models:
-        runs = []
+        runs, lines, result = [], [head], RESULTS / f"networks_in_simulation_{name}.txt"
         with tempfile.TemporaryDirectory() as folder:
             for seed in range(1000, 1000 + options.seeds):
                 runs.append(trained(name, seed, Path(folder) / f"{name}_{seed}"))
@@ -109,11 +109,11 @@ def main() -> None:
         for key in runs[0]["parameters"]:
             if any(run["parameters"][key] for run in runs):
                 lines.append(f"  {key:<8} off by {told([100 * run['parameters'][key] for run in runs])} %")
-        RESULT.write_text("\n".join(lines) + "\n")  # the swings take long
+        result.write_text("\n".join(lines) + "\n")  # the swings take long
         failed, cycles = swings(runs[0]["system"], runs[0]["friction"], options.swings)
         lines.append(f"  {options.swings} random swings: {failed} failed, {cycles} not at rest after a second of rest")
         print("\n".join(lines), flush=True)
-        RESULT.write_text("\n".join(lines) + "\n")
+        result.write_text("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":
