@@ -4,7 +4,8 @@
 
 Trained by experiment=memory on the six-trial protocol at 5 % noise, with seeds from 1000, on which no choice was made;
 scored on Traj. 1 and Traj. 2 of conf/evaluate.yaml. The swings: 2 s of 30 to 65 degrees at 0.7 to 1.2 Hz, skewed at
-random, then 1 s of rest, in which a limit cycle would show. Writes benchmarks/results/networks_in_simulation_<model>.txt.
+random, then 1 s of rest, in which a limit cycle would show. Writes networks_in_simulation_<model>.txt of
+benchmarks/results.
 """
 
 from __future__ import annotations
