@@ -30,7 +30,7 @@ from frictionpinn.control import Compensator, reference
 from frictionpinn.export.compensator import write_compensator_c
 
 GAINS = (1.0, 1.25, 1.5, 2.0, 3.0)
-RANDOM, EACH = 3000, 25  # first seed of the random axes, which no choice has seen; axes of each kind
+RANDOM, EACH = 5000, 25  # first seed of the random axes, which no choice has seen; axes of each kind
 STABILITY = ("slow triangle", "point to point")
 RESTS = 3.0  # s, at rest after a motion
 AFTER = 0.25  # s after a turn or a start of the reference, in which an axis may still turn

@@ -15,7 +15,7 @@ from ..online.check import check_adapt, check_sensors, finite, parameter_vector
 from ..physics import CONTACT
 from ..physics.base import TRIAL
 from ..physics.mechanism import Mechanism
-from .filter import DISTURBANCE, SLOPES, THETA, Memory, Plan
+from .filter import ALIKE, DISTURBANCE, RESOLVED, SLOPES, THETA, Memory, Plan
 from .recursions import cycle, inertia
 
 WEAR = 0.01  # per root of a second, of ``uneven``: after three hours of motion a surface is as unknown as at first
@@ -118,40 +118,35 @@ class Compensator:
         plain, columns = self.kernels.plain, mechanism.input_signals
         self._k, cells = len(self.adapt), int(cells) if high > low and uneven > 0 else 0
         surface = np.repeat([uneven * dry_friction(mechanism, parameters), uneven], cells)
-        size = THETA + self._k + len(surface)
+        size, width = THETA + self._k + len(surface), (high - low) / max(cells - 1, 1)
         clocks = [(n_u - len(mechanism.clocks) + i, int(symbol != TRIAL)) for i, symbol in enumerate(mechanism.clocks)]
-        w = 2 * math.pi * bandwidth
+        w, m = 2 * math.pi * bandwidth, inertia(pointer(plain.newton), p, self.kernels.sizes)
+        # of the encoder's step, or so much that the filter of d has the bandwidth w: of a triple integrator under noise
+        # of density q, read with density r, that is (q / r)^(1/6)
+        noise = max((disturbance / m) ** 2 / (w**6 * interval), resolution**2 / 12)
         self.plan = Plan(
             pointer(plain.newton), pointer(plain.outputs), pointer(self.kernels.strengths(tuple(self.adapt))), p,
             p if known is None else parameter_vector(mechanism, self.names, {**parameters, **known}),
             np.array([self.names.index(name) for name in self.adapt], dtype=np.int64),
             np.array(clocks, dtype=np.int64).reshape(-1, 2), (n_s, n_w, n_u, columns.index(actuator(mechanism))),
-            float(interval), float(delay / interval), self._noise(p, interval, resolution, disturbance, w),
+            float(interval), float(delay / interval), m, noise,
             float(disturbance) ** 2, np.array([*self.adapt.values(), *(WEAR * surface)], dtype=float) ** 2,
             np.array([disturbance / math.sqrt(w), *(self.spread.get(name, 0.0) for name in self.adapt), *surface],
                      dtype=float),
-            float(STILL * resolution if still is None else still), float(limit),
-            bool(self.adapt or disturbance or cells), float(gain), cells, low, (high - low) / max(cells - 1, 1),
+            float(STILL * resolution if still is None else still), RESOLVED * w * ALIKE * width, float(limit),
+            bool(self.adapt or disturbance or cells), float(gain), cells, low, width,
         )  # fmt: skip
         _above("still", self.plan.still, 0.0)
         past = np.zeros((int(self.plan.lag) + 3, SLOPES + self._k))
         self.memory = Memory(
             np.zeros(size), np.zeros((size, size)), np.zeros(n_s), np.zeros(n_w), np.zeros((n_s, self._k)), p.copy(),
-            past, np.zeros(4), np.zeros(1, dtype=np.int64),
+            past, np.zeros(5), np.zeros(1, dtype=np.int64),
         )  # fmt: skip
         self._result = np.zeros(3)
 
     def __repr__(self) -> str:
         told = ", ".join(f"{name} {value:.4g}" for name, value in self.parameters.items() if name in self.adapt)
         return f"Compensator({self.mechanism.name}; adapts {told or 'nothing'})"
-
-    def _noise(self, p: np.ndarray, h: float, resolution: float, disturbance: float, w: float) -> float:
-        """Variance of a reading: of the encoder's step, or so much that a Kalman filter of d has the bandwidth w.
-
-        Of a triple integrator under noise of density q, read with density r, that is (q / r)^(1/6).
-        """
-        m = inertia(pointer(self.kernels.plain.newton), p, self.kernels.sizes)
-        return max((disturbance / m) ** 2 / (w**6 * h), resolution**2 / 12)
 
     def reset(self) -> None:
         """Forget all cycles; parameters that adapt return to their first values."""

@@ -4,17 +4,24 @@ The machine deviates from the reference by (e, v_e), and
 
     m v_e' = (u - T(p)) - d - c(q_r) - b(q_r) F_r,    e' = v_e,    d' = noise,    theta' = noise,    p = p_0 exp(theta),
 
-where u is the torque that acts, T(p) what the motion takes with its friction F_r, m = dT/da_r, d the disturbance that
-no law explains and theta the logarithms of the parameters that adapt. c and b are what depends on the place: a force
-(a gear's cogging) and a share of the friction (a tight guide, a gear's mesh), linear between ``cells`` places along the
-stroke, Gaussian processes beforehand. All that is linear but for p, so the filter needs no Jacobian of the contact,
-whose sign of the velocity a noisy encoder cannot tell at a reversal; what friction does at a reversal the reference
-tells without noise. The covariance holds but for its scale: that is the mean square of the normalised innovations of
-the last half second.
+where u is the torque that acts, T(p) what the motion takes with its friction F_r, m = dT/da_r at p_0, d the disturbance
+that no law explains and theta the logarithms of the parameters that adapt. c and b are what depends on the place: a
+force (a gear's cogging) and a share of the friction (a tight guide, a gear's mesh), linear between ``cells`` places
+along the stroke, Gaussian processes beforehand. All that is linear but for p, so the filter needs no Jacobian of the
+contact, whose sign of the velocity a noisy encoder cannot tell at a reversal; what friction does at a reversal the
+reference tells without noise. The covariance holds but for its scale: that is the mean square of the normalised
+innovations of the last half second.
+
+What is found is fed back, and the loop through the axis must bear it. m stays as first known and (e, v_e, d) follow
+whatever the encoder shows, so they are a linear observer whose gain no learned inertia changes: with its low-pass Q,
+|Q| <= 1, the loop on an axis of inertia m_0 is stable where |Q (1 - m / m_0)| < 1, for m below 2 m_0. theta, c and b
+learn beside it in bounded steps, c and b only from places that pass slowly enough for it to tell one from the next: at
+speed they would be a second, faster observer in the same loop.
 
 Source: Kalman filter, Anderson and Moore, Optimal Filtering (1979), 3.1; disturbance as a state: Johnson, IEEE Trans.
-Automatic Control 16 (1971); parameters that adapt along the reference: Slotine and Li, Applied Nonlinear Control
-(1991), 8.7; Gaussian processes: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), 2.7.
+Automatic Control 16 (1971); its loop: Ohnishi and others, IEEE/ASME Trans. Mechatronics 1 (1996); parameters that adapt
+along the reference: Slotine and Li, Applied Nonlinear Control (1991), 8.7; Gaussian processes: Rasmussen and Williams,
+Gaussian Processes for Machine Learning (2006), 2.7.
 """
 
 from __future__ import annotations
@@ -26,14 +33,15 @@ from numba import njit
 
 from ..numerics.integrator import OPTIONS
 
-WILD = 6.0  # standard deviations: the most by which a reading moves the state
+WILD = 6.0  # standard deviations: the most by which a reading moves what is learned, or one reading alone the state
 FURTHEST = 1.3862943611198906  # log 4: the furthest that a parameter may go from its first value
 ALIKE = 2.0  # places over which c and b are alike: standard deviation of the Gaussian that correlates them
+RESOLVED = 0.2  # 1 / (w T) at which half is learned of places that pass within T: five time constants of the observer
 ROUND_OFF = 1e-6  # share of their variance that is each place's own, so that the covariance is positive
 DEVIATION, SPEED, DISTURBANCE, THETA = 0, 1, 2, 3  # places in X; theta from the last on, then c, then b
-EXCESS, INERTIA, POSITION, VELOCITY, ACCELERATION, FRICTION, SLOPES = range(7)  # columns of ``past``; dT/dtheta last
+EXCESS, POSITION, VELOCITY, ACCELERATION, FRICTION, SLOPES = range(6)  # columns of ``past``; dT/dtheta last
 MEMORY_OF_SCALE = 0.5  # s: over which the squares of the innovations are averaged
-TIME, FEEDBACK, TORQUE, SCALE = 0, 1, 2, 3  # places in ``held``
+TIME, FEEDBACK, TORQUE, SCALE, LAST = range(5)  # places in ``held``
 
 
 class Plan(NamedTuple):
@@ -49,11 +57,13 @@ class Plan(NamedTuple):
         sizes: n_s, n_w, n_u, index in u of the torque.
         h: cycle, s.
         lag: from a command to its effect, in cycles, the hold not counted.
+        inertia: m, as first known.
         noise: variance of a reading of the position.
         walk: spectral density of the disturbance's rate, force^2/s.
         walks: the same of theta, 1/s, of c and of b, shape (k + 2 cells,).
         spread: standard deviations of d, theta, c and b at the start, shape (1 + k + 2 cells,).
         still: speed of the reference at which half of the feedback is let through.
+        passing: speed of the reference at which half of what is learned by place is.
         limit: largest torque.
         filters: whether readings are used.
         gain: factor of the torque, 1 but in a test of the margin.
@@ -70,11 +80,13 @@ class Plan(NamedTuple):
     sizes: tuple[int, int, int, int]
     h: float
     lag: float
+    inertia: float
     noise: float
     walk: float
     walks: np.ndarray
     spread: np.ndarray
     still: float
+    passing: float
     limit: float
     filters: bool
     gain: float
@@ -92,8 +104,8 @@ class Memory(NamedTuple):
         s, w: state and unknowns of the mechanism along the reference.
         Z: derivative of s in theta, shape (n_s, k).
         p: parameters in force, which follow the filter's while the reference moves.
-        past: the last cycles, newest first: u - T, m, reference, friction F, dT/dtheta less its part in theta then.
-        held: time, feedback in force, torque T of the cycle, scale of the covariance.
+        past: the last cycles, newest first: u - T, reference, friction F, dT/dtheta less its part in theta then.
+        held: time, feedback in force, torque T of the cycle, scale of the covariance, last innovation.
         begun: number of cycles so far, shape (1,).
     """
 
@@ -130,7 +142,7 @@ def predict(plan, memory, share):
     n, whole = X.shape[0], int(plan.lag)
     part = plan.lag - whole
     excess = (1.0 - part) * past[whole, EXCESS] + part * past[whole + 1, EXCESS]
-    inverse = 1.0 / ((1.0 - part) * past[whole, INERTIA] + part * past[whole + 1, INERTIA])
+    inverse = 1.0 / plan.inertia
     A = np.zeros(n)  # derivative of v_e' in X
     slopes(plan, past[whole], (part - 1.0) * inverse, A)
     slopes(plan, past[whole + 1], -part * inverse, A)
@@ -176,17 +188,21 @@ def correct(plan, memory, reading, share):
     variance = P[0, 0] + plan.noise
     if not (np.isfinite(reading) and variance > 0.0):
         return
-    error, most = reading - here - X[0], WILD * np.sqrt(variance)
-    error = min(max(error, -most), most)
+    shown, most, k = reading - here - X[0], WILD * np.sqrt(variance), plan.places.shape[0]
+    error = min(max(shown, -most), most)
+    most = max(most, abs(memory.held[LAST]))  # a reading alone may be a glitch; what the next one confirms is the axis
+    memory.held[LAST] = shown
+    shown = min(max(shown, -most), most)
     gain = P[:, 0] / variance
     memory.held[SCALE] += share * plan.h / MEMORY_OF_SCALE * (error * error / variance - memory.held[SCALE])
     for i in range(DISTURBANCE, n):
         gain[i] *= share
+    for i in range(THETA + k, n):
+        gain[i] /= 1.0 + (past[0, VELOCITY] / plan.passing) ** 2
     row = P[0].copy()
     for i in range(n):
-        X[i] += gain[i] * error
+        X[i] += gain[i] * (shown if i < THETA else error)
     X[DISTURBANCE] = min(max(X[DISTURBANCE], -plan.limit), plan.limit)
-    k = plan.places.shape[0]
     for i in range(THETA, n):
         most = FURTHEST if i < THETA + k else (plan.limit if i < THETA + k + plan.cells else 1.0)
         X[i] = min(max(X[i], -most), most)
@@ -201,7 +217,7 @@ def begin(plan, memory, reference, reading):
     """Start at rest where the position is, nothing known of d, theta, c and b but their spread."""
     memory.X[:], memory.P[:, :], memory.s[:], memory.w[:], memory.held[:] = 0.0, 0.0, 0.0, 0.0, 0.0
     memory.past[:, :], memory.Z[:, :] = 0.0, 0.0
-    memory.past[:, INERTIA], memory.past[:, POSITION] = 1.0, reference[0]
+    memory.past[:, POSITION] = reference[0]
     memory.p[:], memory.held[SCALE] = plan.p, 1.0
     if np.isfinite(reading):
         memory.X[DEVIATION] = reading - reference[0]

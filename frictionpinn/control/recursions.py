@@ -20,7 +20,6 @@ from .filter import (
     EXCESS,
     FEEDBACK,
     FRICTION,
-    INERTIA,
     POSITION,
     SCALE,
     SLOPES,
@@ -158,7 +157,7 @@ def cycle(plan: Plan, memory: Memory, reference, reading, torque, result):
     s[0], s[1], w[0] = reference[0], reference[1], reference[2]
     remember(plan, s, w, u, p, out, matrix, pivots)
     plan.newton(s, w, u, p, out)
-    held[TORQUE], past[0, INERTIA] = out[0], out[n_w + n_w * n_s]
+    held[TORQUE] = out[0]
     if k:
         sensitivities(plan, memory, u, out, matrix, pivots, past[0, SLOPES:])
     plan.newton(s, w, u, plan.known, out)

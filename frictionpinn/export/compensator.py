@@ -14,7 +14,7 @@ from ..control.recursions import ITERATIONS, SETTLED, Z95
 from .c_code import fill
 from .functions import c_statements
 
-NUMBERS = ("h", "lag", "noise", "walk", "still", "limit", "gain", "low", "width")
+NUMBERS = ("h", "lag", "inertia", "noise", "walk", "still", "passing", "limit", "gain", "low", "width")
 
 
 def write_compensator_c(folder: Path, compensator: Compensator) -> list[str]:
@@ -31,7 +31,7 @@ def write_compensator_c(folder: Path, compensator: Compensator) -> list[str]:
     sizes = {"n_s": n_s, "n_w": n_w, "n_u": n_u, "n_p": len(plan.p), "k": k, "n": len(compensator.memory.X)}
     sizes |= {"past": past, "row": SLOPES + k, "cells": plan.cells}
     n = sizes["n"]
-    doubles = n + n * n + n_s * (k + 2) + n_w + len(plan.p) + past * (SLOPES + k) + 5
+    doubles = n + n * n + n_s * (k + 2) + n_w + len(plan.p) + past * (SLOPES + k) + 6
     header = fill(
         "compensator.h", **sizes, title=compensator.mechanism.name, version=__version__, bytes=doubles,
         interval=f"{plan.h:g}", delay=f"{plan.lag * plan.h:g}", force=system.force_unit, slip=system.slip_unit,

@@ -14,7 +14,7 @@ enum {
     OUT = NW + NW * (NS + NW) + 1
 };
 enum { DEVIATION, SPEED, DISTURBANCE, THETA };
-enum { EXCESS, INERTIA, POSITION, VELOCITY, ACCELERATION, FRICTION, SLOPES };
+enum { EXCESS, POSITION, VELOCITY, ACCELERATION, FRICTION, SLOPES };
 
 const char *const compensator_names[COMPENSATOR_PARAMETERS] = {$names};
 
@@ -23,8 +23,8 @@ static const double known[COMPENSATOR_PARAMETERS] = {$known};
 static const int places[K + 1] = {$places};
 static const double walks[K + 2 * CELLS + 1] = {$walks};
 static const double spread[K + 2 * CELLS + 2] = {$spread};
-static const double h = $h, lag = $lag, noise = $noise, walk = $walk, still = $still, limit = $limit, gain_of_all = $gain,
-                    low = $low, width = $width;
+static const double h = $h, lag = $lag, inertia = $inertia, noise = $noise, walk = $walk, still = $still,
+                    passing = $passing, limit = $limit, gain_of_all = $gain, low = $low, width = $width;
 
 /* R, dR/ds and dR/dw, row by row. */
 static void newton(const double *s, const double *w, const double *u, const double *p, double *out)
@@ -179,7 +179,7 @@ static void predict(compensator *c, double share)
     const int whole = (int)lag;
     const double part = lag - whole;
     const double *a = c->past[whole], *b = c->past[whole + 1];
-    const double inverse = 1.0 / ((1.0 - part) * a[INERTIA] + part * b[INERTIA]);
+    const double inverse = 1.0 / inertia;
     double rate[N], f[2][N], moved[2][N], acceleration;
     int i, j, k;
     memset(rate, 0, sizeof rate);
@@ -226,17 +226,23 @@ static void correct(compensator *c, double reading, double share)
     const double since = (nearest - lag - 0.5) * h, *then = c->past[nearest];
     const double here = then[POSITION] + since * (then[VELOCITY] + 0.5 * since * then[ACCELERATION]);
     const double variance = c->covariance[0][0] + noise;
-    double gain[N], row[N], error, reach;
+    double gain[N], row[N], shown, error, reach;
     int i, j;
     if (!(isfinite(reading) && variance > 0.0))
         return;
+    shown = reading - here - c->x[0];
     reach = $wild * sqrt(variance);
-    error = least(most(reading - here - c->x[0], -reach), reach);
+    error = least(most(shown, -reach), reach);
+    reach = most(reach, fabs(c->last)); /* a reading alone may be a glitch; what the next one confirms is the axis */
+    c->last = shown;
+    shown = least(most(shown, -reach), reach);
     c->scale += share * h / $memory * (error * error / variance - c->scale);
     for (i = 0; i < N; i++) {
         row[i] = c->covariance[0][i];
         gain[i] = row[i] / variance * (i < DISTURBANCE ? 1.0 : share);
-        c->x[i] += gain[i] * error;
+        if (i >= THETA + K)
+            gain[i] /= 1.0 + c->past[0][VELOCITY] / passing * (c->past[0][VELOCITY] / passing);
+        c->x[i] += gain[i] * (i < THETA ? shown : error);
     }
     c->x[DISTURBANCE] = least(most(c->x[DISTURBANCE], -limit), limit);
     for (i = THETA; i < N; i++) {
@@ -261,10 +267,8 @@ static void begin(compensator *c, const double *reference, double reading)
     memset(c, 0, sizeof *c);
     memcpy(c->p, first, sizeof first);
     c->scale = 1.0;
-    for (i = 0; i < PAST; i++) {
-        c->past[i][INERTIA] = 1.0;
+    for (i = 0; i < PAST; i++)
         c->past[i][POSITION] = reference[0];
-    }
     if (isfinite(reading))
         c->x[DEVIATION] = reading - reference[0];
     c->covariance[0][0] = noise;
@@ -311,7 +315,6 @@ compensator_command compensator_update(compensator *c, const double reference[3]
     remember(c, u, out, m, pivots);
     newton(c->s, c->w, u, c->p, out);
     c->wanted = out[0];
-    c->past[0][INERTIA] = out[NW + NW * NS];
     if (K)
         sensitivities(c, u, out, m, pivots);
     newton(c->s, c->w, u, known, out);

@@ -23,7 +23,7 @@ typedef struct {
     double s[COMPENSATOR_STATES], w[COMPENSATOR_UNKNOWNS], z[COMPENSATOR_STATES][COMPENSATOR_ADAPTED + 1];
     double p[COMPENSATOR_PARAMETERS]; /* in force, in the order of compensator_names */
     double past[COMPENSATOR_PAST][COMPENSATOR_ROW];
-    double time, feedback, wanted, scale;
+    double time, feedback, wanted, scale, last;
     long begun;
 } compensator;
 
