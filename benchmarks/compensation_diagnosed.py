@@ -5,7 +5,8 @@ python benchmarks/compensation.py --diagnosed
 Every axis is recorded with the PID alone and identified twice from that recording: LuGre alone, and with the effect
 that a diagnosis adds to it. Arms are then run with what is believed (20 % wrong), with LuGre as identified, and with
 the effect. Axes, motions and options are those of the main table; the two axes of a circle are alike, since each axis
-is identified once. Rows and what was identified are kept in benchmarks/results/compensation_diagnosed.json.
+is identified once. Rows and what was identified are kept in benchmarks/results/compensation_diagnosed.json: axes that
+stand there are not identified again, only compensated; without that file all are.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from compensation_report import keep, kept, unit
 
 from frictionpinn.control.record import recorded
 from frictionpinn.errors import UserError
+from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.workflow.compensate import identified
 
 EFFECTS = ("asymmetry", "position_friction", "ripple")  # that a diagnosis tries: those of the axes
@@ -36,25 +38,40 @@ CASES = {"believed": "as believed, 20 % wrong", "alone": "LuGre identified", "ad
 
 def diagnosed(chosen: dict, kinds: Iterable[str] = tuple(KINDS)) -> None:
     """Measure these kinds of axis, keep the others, and write rows and table after every axis."""
-    found = kept("diagnosed", kinds)
+    found, before = kept("diagnosed", kinds), kept("diagnosed", ())
+    known = {(row["name"], row["seed"]): row["identified"] for rows in before.values() for row in rows}
     for name in kinds:
         found[name] = []
     for seed in SEEDS:
         for name in kinds:
-            found[name].append(follow(chosen, name, seed))
+            found[name].append(follow(chosen, name, seed, known.get((name, seed))))
             keep("diagnosed", found, _table)
 
 
-def follow(chosen: dict, name: str, seed: int) -> dict:
+def follow(chosen: dict, name: str, seed: int, told: dict | None = None) -> dict:
     """One axis through the loop: what was identified, and rms errors by motion, arm and case."""
     it = draw(name, seed)
+    own, told, found = declared(it), told or identify(it, name), {"believed": it}
+    for case, what in told.items():
+        if what["parameters"]:
+            mechanism = Mechanism(own.system, own.law, tuple(what["effects"]))
+            found[case] = Draw(it.plant, mechanism, what["parameters"], it.loaded)
+    errors = {"oracle": _errors(name, seed, partial(compensator, "oracle"), it)}
+    for arm in COMPARED:
+        for case, axis in found.items():
+            errors[f"{arm}, {case}"] = _errors(name, seed, made(chosen, name, arm), axis)
+    return {"name": name, "seed": seed, "identified": told, "errors": errors}
+
+
+def identify(it: Draw, name: str) -> dict[str, dict]:
+    """Verdict, effects and parameters of LuGre alone and with what a diagnosis adds, and the time that they took."""
     own = declared(it)
     law = [par.name for par in own.law.parameters if par.value is None]
     # a preload scales mu_c and mu_s, which are free
     free = [*law, *(key for key, value in own.system.values.items() if value and key != "preload")]
     recording = recorded(alone(name, it), own, DELAY, RATE)
     options = {"free": free, "start": {key: it.believed[key] for key in free}}
-    found, told = {"believed": it}, {}
+    told: dict[str, dict] = {}
     with tempfile.TemporaryDirectory() as place:
         for case, effects in (("alone", ()), ("added", EFFECTS)):
             begun = time.process_time()
@@ -63,18 +80,13 @@ def follow(chosen: dict, name: str, seed: int) -> dict:
             except UserError as error:
                 told[case] = {"verdict": f"not identified: {error}", "effects": [], "parameters": {}}
                 continue
-            found[case] = Draw(it.plant, mechanism, values, it.loaded)
             told[case] = {
                 "verdict": verdict,
                 "effects": [effect.name for effect in mechanism.effects],
                 "parameters": {key: float(f"{value:.5g}") for key, value in values.items()},
                 "seconds": round(time.process_time() - begun),
             }
-    errors = {"oracle": _errors(name, seed, partial(compensator, "oracle"), it)}
-    for arm in COMPARED:
-        for case, axis in found.items():
-            errors[f"{arm}, {case}"] = _errors(name, seed, made(chosen, name, arm), axis)
-    return {"name": name, "seed": seed, "identified": told, "errors": errors}
+    return told
 
 
 def _errors(name: str, seed: int, make, axis: Draw) -> dict[str, float]:

@@ -69,6 +69,11 @@ def compensate(
         3.2
     """
     extensions.load()
+    if not isinstance(mechanism, Mechanism):
+        raise UserError("no mechanism", where="mechanism", received=mechanism,
+                        allowed="a system with its law, such as fp.mechanism('drive', 'lugre')")  # fmt: skip
+    if folder is not None and Path(folder).is_file():
+        raise UserError("no folder", where="folder", received=folder, allowed="a folder, made where there is none")
     config = composed("compensate", [f"control={control}"])["control"]
     if config["name"] == NOTHING:
         raise UserError("no compensator", where="control", received=control, fix="a controller alone needs none")
@@ -76,7 +81,8 @@ def compensate(
     values, axis = values_of(parameters), freed(mechanism)
     axis.check_names(values, "parameters")
     for key in ("adapt", "spread"):
-        axis.check_names(options.get(key, {}), f"compensate.{key}")
+        if isinstance(options.get(key), Mapping):
+            axis.check_names(options[key], f"compensate.{key}")
     loop = {"interval": interval, "delay": delay, "resolution": resolution, "known": known, "stroke": stroke}
     made = build_compensator(config | options, axis, values, **loop)
     assert made is not None

@@ -197,7 +197,10 @@ def online(
 
 def values_of(values: Values) -> dict[str, float]:
     """Parameters by name, of an estimate too."""
-    return dict(values.values if isinstance(values, Estimate) else values)
+    found = values.values if isinstance(values, Estimate) else values
+    if not isinstance(found, Mapping):
+        raise UserError("no parameters", where="parameters", received=found, allowed="values by name, or an estimate")
+    return dict(found)
 
 
 def _parameters_of(function: Any) -> list[str]:

@@ -32,6 +32,10 @@ def build_compensator(
     if config["name"] == NOTHING:
         return None
     check_axis(mechanism)
+    for key in ("adapt", "spread"):
+        if not isinstance(config[key], Mapping):
+            raise UserError("no table by parameter", where=f"control.{key}", received=config[key],
+                            allowed="a number by parameter, such as {mu_c: 0.1}")  # fmt: skip
     level, values, own = dry_friction(mechanism, parameters), dict(parameters), mechanism
     if config["friction"] == NOTHING:
         own, values = Mechanism(mechanism.system, LAWS["coulomb"]()), dict(parameters) | {"mu_c": 0.0}

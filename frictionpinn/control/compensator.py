@@ -19,6 +19,7 @@ from .filter import ALIKE, DISTURBANCE, RESOLVED, SLOPES, THETA, Memory, Plan
 from .recursions import cycle, inertia
 
 WEAR = 0.01  # per root of a second, of ``uneven``: after three hours of motion a surface is as unknown as at first
+MOST_CELLS = 512  # a cycle takes time and memory with their square: 8 MB
 STILL = 10.0  # steps of the encoder a second: slower, a reference is at rest
 
 
@@ -68,7 +69,8 @@ class Compensator:
 
     Raises:
         UserError: a mechanism that is no such axis; a parameter without value or out of its range; a cycle, delay,
-            resolution, limit or speed that is not above 0 (a delay: not below); a stroke without length.
+            resolution, limit or speed that is not above 0 (a delay: not below), or a cycle or delay that is too long
+            for the bandwidth; a stroke without length.
 
     Source: H. Olsson and others, Friction models and friction compensation, European Journal of Control 4 (1998).
     """
@@ -105,7 +107,9 @@ class Compensator:
             _above(name, value, 0.0)
         for name, value in {"delay": delay, "disturbance": disturbance, "uneven": uneven}.items():
             _least(name, value)
-        _above("cells", cells, 1)
+        if not (finite(cells) and cells == int(cells) and 2 <= cells <= MOST_CELLS):
+            raise UserError("impossible value", where="cells", received=cells,
+                            allowed=f"a whole number from 2 to {MOST_CELLS}")  # fmt: skip
         low, high = _stroke(stroke)
         self.mechanism, self.kernels = mechanism, Kernels(mechanism)
         self.names = tuple(par.name for par in mechanism.parameters)
@@ -117,6 +121,8 @@ class Compensator:
         n_s, n_w, n_u, _ = self.kernels.sizes
         plain, columns = self.kernels.plain, mechanism.input_signals
         self._k, cells = len(self.adapt), int(cells) if high > low and uneven > 0 else 0
+        if filters := bool(adapt or disturbance or cells):
+            _loop(interval, delay, bandwidth)
         surface = np.repeat([uneven * dry_friction(mechanism, parameters), uneven], cells)
         size, width = THETA + self._k + len(surface), (high - low) / max(cells - 1, 1)
         clocks = [(n_u - len(mechanism.clocks) + i, int(symbol != TRIAL)) for i, symbol in enumerate(mechanism.clocks)]
@@ -134,7 +140,7 @@ class Compensator:
             np.array([disturbance / math.sqrt(w), *(self.spread.get(name, 0.0) for name in self.adapt), *surface],
                      dtype=float),
             float(STILL * resolution if still is None else still), RESOLVED * w * ALIKE * width, float(limit),
-            bool(self.adapt or disturbance or cells), float(gain), cells, low, width,
+            filters, float(gain), cells, low, width,
         )  # fmt: skip
         _above("still", self.plan.still, 0.0)
         past = np.zeros((int(self.plan.lag) + 3, SLOPES + self._k))
@@ -161,12 +167,14 @@ class Compensator:
             torque: commanded in the cycle before, as the limits let it through, compensation included.
 
         Raises:
-            UserError: a reference or torque that is not finite.
+            UserError: a reference or torque that is not finite, a position that is no number.
         """
         wanted = np.array(reference, dtype=float)
         if wanted.shape != (3,) or not np.isfinite(wanted).all():
             raise UserError("no reference", where="reference", received=reference, allowed="three finite numbers: "
                             "position, velocity, acceleration")  # fmt: skip
+        if not (position != position or finite(position)):
+            raise UserError("no reading", where="position", received=position, allowed="a finite number, or NaN")
         if not finite(torque):
             raise UserError("not a finite torque", where="torque", received=torque, fix="give the one commanded last")
         cycle(self.plan, self.memory, wanted, float(position), float(torque), self._result)
@@ -222,11 +230,23 @@ def _stroke(stroke: Sequence[float] | None) -> tuple[float, float]:
     """First and last position; 0 and 0 for none."""
     if stroke is None:
         return 0.0, 0.0
-    ends = tuple(stroke)
+    ends = tuple(stroke) if np.ndim(stroke) == 1 else ()  # type: ignore[arg-type]
     if not (len(ends) == 2 and all(finite(end) for end in ends) and ends[0] < ends[1]):
         raise UserError("no stroke", where="stroke", received=stroke,
                         allowed="two positions, the lower one first, or none")  # fmt: skip
     return float(ends[0]), float(ends[1])
+
+
+def _loop(interval: float, delay: float, bandwidth: float) -> None:
+    """Raise :class:`UserError` for a cycle or a delay that an observer of this bandwidth, Hz, is too fast for."""
+    for name, value, most, why in (
+        ("interval", interval, 0.5 / bandwidth, "two cycles in a period of the bandwidth"),
+        ("delay", delay, 1.0 / bandwidth, "one period of the bandwidth"),
+    ):
+        if not value < most:
+            raise UserError("loop too slow for the bandwidth", where=name, received=value,
+                            allowed=f"below {most:.3g} s, {why} of {bandwidth:g} Hz",
+                            fix="seconds are meant; or lower the bandwidth")  # fmt: skip
 
 
 def _above(name: str, value: float, least: float) -> None:

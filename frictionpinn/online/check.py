@@ -14,7 +14,7 @@ from ..show import readable_unit
 def finite(value: object) -> bool:
     """Whether a value is a finite number."""
     try:
-        return bool(np.ndim(value) == 0 and np.isfinite(float(value)))  # type: ignore[arg-type]
+        return bool(not isinstance(value, str) and np.ndim(value) == 0 and np.isfinite(float(value)))  # type: ignore[arg-type]
     except (TypeError, ValueError):
         return False
 
@@ -45,8 +45,9 @@ def parameter_vector(mechanism: Mechanism, names: Sequence[str], given: Mapping[
         if not finite(value):
             raise UserError("parameter without a finite value", where=f"parameters.{name}", received=value)
         if not par.low <= float(value) <= par.high:  # type: ignore[arg-type]
+            unit = readable_unit(mechanism.system.unit(par))
             raise UserError("parameter out of its physical range", where=f"parameters.{name}", received=value,
-                            allowed=f"{par.low:g} to {par.high:g} {readable_unit(par.unit)}")  # fmt: skip
+                            allowed=f"{par.low:g} to {par.high:g} {unit}")  # fmt: skip
     return np.array([float(values[name]) for name in names])  # type: ignore[arg-type]
 
 

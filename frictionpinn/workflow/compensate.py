@@ -21,6 +21,7 @@ from ..control.references import Reference, stroke
 from ..data.recording import Recording
 from ..errors import UserError, choose
 from ..evaluate.style import INK, readable
+from ..online.check import finite
 from ..physics import LAWS
 from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
@@ -53,8 +54,8 @@ def compensate(cfg: Config, folder: Path) -> dict[str, Any]:
     plant, loop = _plant(cfg, declared), cfg["loop"]
     own = {"interval": loop["interval"], "delay": loop["delay"]}
     # before minutes are spent on it: motions and compensator are possible, whatever the parameters will be
-    motions = _motions(cfg["follow"]["motions"], cfg["follow"]["duration"], "follow", "motions")
-    trials = _motions(cfg["record"]["trials"], cfg["record"]["duration"], "record", "trials")
+    motions = _motions(cfg["follow"]["motions"], cfg["follow"]["duration"], cfg["scale"], "follow", "motions")
+    trials = _motions(cfg["record"]["trials"], cfg["record"]["duration"], cfg["scale"], "record", "trials")
     reach = stroke([path for _, path in motions], cfg["follow"]["duration"])
     sensed = own | {"resolution": cfg["machine"]["resolution"], "stroke": reach}
     build_compensator(cfg["control"], declared, completed(declared, {}), **sensed)
@@ -101,9 +102,11 @@ def compensate(cfg: Config, folder: Path) -> dict[str, Any]:
 
 
 def _motions(
-    items: Sequence[Mapping[str, Any]] | None, duration: float, part: str, key: str
+    items: Sequence[Mapping[str, Any]] | None, duration: float, scale: float, part: str, key: str
 ) -> list[tuple[str, Reference]]:
     """Motions of the configuration, with their names; every one lasts long enough to reverse."""
+    if not (finite(scale) and scale > 0):
+        raise UserError("impossible value", where="scale", received=scale, allowed="a number above 0")
     where, allowed = f"{part}.{key}", "name, amplitude (unit of position) and period (s); phase (rad) of a sine"
     if not items:
         raise UserError("no motions", where=where, received=items, allowed=f"a list of motions, each with {allowed}")
@@ -112,7 +115,10 @@ def _motions(
         needed = {"name", "amplitude", "period"}
         if not needed <= given <= needed | ({"phase"} if given and item.get("name") == "sine" else set()):
             raise UserError("no motion", where=where, received=item, allowed=allowed)
-    found = [(str(item["name"]), reference(**item)) for item in items]
+        for name in ("amplitude", "period"):
+            if not finite(item[name]):
+                raise UserError("no number", where=f"{where}.{name}", received=item[name], allowed="a number above 0")
+    found = [(str(i["name"]), reference(**{**i, "amplitude": scale * i["amplitude"]})) for i in items]
     least = max(item["period"] for item in items) / 2
     if not (isinstance(duration, int | float) and least <= duration < float("inf")):
         raise UserError("motions that never reverse", where=f"{part}.duration", received=duration,

@@ -54,6 +54,9 @@ def test_an_axis_is_identified_and_tracks_better_and_the_compensator_is_there_as
         ("machine.effects={asymetry: {asymmetry: 0.1}}", "did you mean 'asymmetry'"),
         ("machine.effects={asymmetry: {asymetry: 0.1}}", "machine.asymetry"),
         ("record.rate_hz=1e5", "rate_hz"),
+        ("scale=0", "scale is 0"),
+        ("follow.motions=[{name: sine, amplitude: small, period: 1.0}]", "amplitude is small"),
+        ("control.bandwidth=900", "interval is 0.001; allowed: below 0.000556 s"),
         ("follow.motions=[{name: sinus, amplitude: 1.0, period: 1.0}]", "did you mean 'sine'"),
     ],
 )
