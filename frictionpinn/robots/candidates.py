@@ -140,11 +140,10 @@ class Term:
         motions = [model.motion(trial, k, load) for trial, load in zip(trials, loads, strict=True)]
         for first in range(0, len(self.candidate.grid), BATCH):
             some = [dict(hidden) for hidden in self.candidate.grid[first : first + BATCH]]
-            vectors = [[(usual | own | hidden)[n] for n in f.names] for hidden in some]
+            shaped = {n: np.array([[hidden[n]] for hidden in some]) for n in some[0]}
+            values = [(usual | own | shaped)[n] for n in f.names]
             made = [
-                trial.filtered(
-                    np.concatenate([f.columns(motion, x, self.candidate.strengths) for x in vectors], axis=1)
-                )
+                trial.filtered(f.columns(motion, values, self.candidate.strengths))
                 for trial, motion in zip(trials, motions, strict=True)
             ]
             yield some, made, (k,)

@@ -231,13 +231,11 @@ def score_all(
             number += len(some)
             if not all(np.isfinite(c).all() for c in columns):
                 continue
-            for v, scored in enumerate(scorer.test(columns, at, term.strengths)):
-                if not term.possible(scored.step):
-                    scored = replace(scored, gain=0.0, log_p=0.0)
-                if best is None or scored.gain > best.scored.gain:
-                    own = slice(v * term.strengths, (v + 1) * term.strengths)
-                    best = Tried(term, some[v], scored, float(np.max(scored.size / level)), rows, at)
-                    kept = [c[:, own].copy() if len(at) == 1 else c for c in columns], at
+            v, scored = scorer.test(columns, at, term.strengths, term.possible)
+            if best is None or scored.gain > best.scored.gain:
+                own = slice(v * term.strengths, (v + 1) * term.strengths)
+                best = Tried(term, some[v], scored, float(np.max(scored.size / level)), rows, at)
+                kept = [c[:, own].copy() if len(at) == 1 else c for c in columns], at
         count += number
         if best is None or kept is None:
             refused[term.name] = "could not be tested: its derivatives overflow"
@@ -350,7 +348,7 @@ def _left(solution: Solution, settings: Settings) -> tuple[dict[str, Rest], dict
     for k, joint in enumerate(model.names):
         found = []
         for variable, kind, columns, samples, shape in remainders(model, k, trials, loads):
-            (scored,) = scorer.test(columns, (k,), columns[0].shape[1])
+            scored = scorer.test(columns, (k,), columns[0].shape[1])[1]
             found.append((scored, variable, kind, columns, samples, shape))
         tests = len(found) * len(model.names)
         found.sort(key=lambda f: -f[0].gain)
