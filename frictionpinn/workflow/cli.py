@@ -13,7 +13,7 @@ from .. import __version__
 from ..errors import Interrupted, UserError, unwritable
 from .configs import CONF, Configs, written
 from .contact_options import contact_options
-from .options import check_command_line, output_folder, parsed
+from .options import check_command_line, output_folder, parsed, with_files
 
 USER_ERROR, INTERRUPTED = 2, 130
 failed_jobs = 0  # of the sweep that ran in this process
@@ -96,7 +96,7 @@ def run(main: Callable[[], None], name: str, failures: list[BaseException]) -> N
             return
         asked = parsed(sys.argv[1:])
         if not (asked.hydra_help or asked.shell_completion or asked.info):
-            arguments = contact_options(saved_friction(resumed(sys.argv[1:])))
+            arguments = with_files(contact_options(saved_friction(resumed(sys.argv[1:]))))
             check_command_line(CONF, name, arguments)
             given = parsed(arguments).overrides  # Hydra wants its flags together
             sys.argv[1:] = [

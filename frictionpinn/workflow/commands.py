@@ -39,10 +39,18 @@ def _train(cfg: dict[str, Any], folder: Path) -> float | None:
     from . import job
 
     if job.in_sweep(folder):
-        return job.run_job(cfg, folder)
+        return job.run_job(cfg, folder, "train")
     from .train import train
 
     return train(cfg, folder)["force_error"]["model"]["rmse"]
+
+
+def _diagnose(cfg: dict[str, Any], folder: Path) -> Any:
+    from . import job
+
+    if job.in_sweep(folder):
+        return job.run_job(cfg, folder, "diagnose")
+    return _later("workflow.diagnose", "diagnose")(cfg, folder)
 
 
 def _evaluate(cfg: dict[str, Any], folder: Path) -> Any:
@@ -59,7 +67,7 @@ COMMANDS: dict[str, tuple[str, Act]] = {
     "train": ("learn a friction model from a recording", _train),
     "evaluate": ("a trained model online and in simulation, and its export", _evaluate),
     "identify": ("parameters of a friction law, by several estimators", _later("workflow.identify", "identify")),
-    "diagnose": ("what a friction model lacks", _later("workflow.diagnose", "diagnose")),
+    "diagnose": ("what a friction model lacks, of one recording or of many (-m)", _diagnose),
     "compensate": (
         "friction compensation of an axis, recorded before and after",
         _later("workflow.compensate", "compensate"),
@@ -78,13 +86,14 @@ def run(name: str) -> None:
 
         config = HydraConfig.get()
         folder = Path(config.runtime.output_dir)
+        in_sweep = config.mode == RunMode.MULTIRUN
         fresh = config.mode == RunMode.RUN and sorted(os.listdir(folder)) == [".hydra"]
         try:
             with cli.collected(failures):
                 plain: dict[str, Any] = OmegaConf.to_container(cfg, resolve=True)  # type: ignore[assignment]
                 plain = with_extensions(plain)
                 extensions.load(plain["extensions"])
-                with clock() if name != "train" else nullcontext():  # a training has its own bar
+                with clock() if name != "train" and not in_sweep else nullcontext():  # a training has its own bar
                     return COMMANDS[name][1](plain, folder)
         finally:
             if fresh:

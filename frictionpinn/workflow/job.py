@@ -1,4 +1,5 @@
-"""One job of a sweep in a process of its own, so that its death costs that job alone, whatever the launcher."""
+"""One job of a sweep, a training or a diagnosis, in a process of its own: its death costs that job alone, whatever the
+launcher."""
 
 from __future__ import annotations
 
@@ -15,8 +16,8 @@ from pathlib import Path
 from typing import IO, Any
 
 from ..progress import SHORT, in_words
-from ..show import readable_unit
 from .manifest import MANIFEST, read_json, result_of, set_status, status_of
+from .swept import KINDS
 from .threads import THREADS
 
 log = logging.getLogger(__name__)
@@ -24,7 +25,7 @@ UNWRITTEN = "nothing can be written to its folder; is the disk full?"
 
 
 class Worker:
-    """A child process that trains one job after another; the next job after its death gets a new one.
+    """A child process that runs one job after another; the next job after its death gets a new one.
 
     It is told of a job in a line of JSON on its standard input and answers with a line when the job is settled. When
     this process dies, however, the pipe closes and the child ends at once: nothing goes on behind a dead sweep.
@@ -44,11 +45,11 @@ class Worker:
         )
         atexit.register(self.stop)
 
-    def train(self, cfg: dict[str, Any], folder: Path) -> int | None:
-        """Train; None when the job is settled, else the exit code of the process that died."""
+    def run(self, cfg: dict[str, Any], folder: Path, command: str) -> int | None:
+        """Run a job; None when it is settled, else the exit code of the process that died."""
         pipe: IO[str] = self.process.stdin  # type: ignore[assignment]
         try:
-            pipe.write(json.dumps({"config": cfg, "folder": str(folder)}, default=str) + "\n")
+            pipe.write(json.dumps({"config": cfg, "folder": str(folder), "command": command}, default=str) + "\n")
             pipe.flush()
             if self.process.stdout.readline():  # type: ignore[union-attr]
                 return None
@@ -83,32 +84,32 @@ def in_sweep(folder: Path) -> bool:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a job ended: ``rmse`` of the force on held-out trials, None where it failed, and a line for people."""
+    """How a job ended: its score (the error on held-out trials), None where it failed, and a line for people."""
 
-    rmse: float | None
+    score: float | None
     line: str
 
     def tell(self) -> None:
         """Print the line."""
-        if self.rmse is None:
+        if self.score is None:
             print(f"error: {self.line}", file=sys.stderr, flush=True)
         else:
             print(self.line, flush=True)
 
 
-def run_job(cfg: dict[str, Any], folder: Path) -> float | None:
-    """Train one job in a process of its own, say in one line how it ended, and return its force error."""
-    outcome = train_job(cfg, folder)
+def run_job(cfg: dict[str, Any], folder: Path, command: str) -> float | None:
+    """Run one job in a process of its own, say in one line how it ended, and return its score."""
+    outcome = settled(cfg, folder, command)
     outcome.tell()
-    return outcome.rmse
+    return outcome.score
 
 
-def train_job(cfg: dict[str, Any], folder: str | Path) -> Outcome:
-    """Train one job in a process of its own; what became of it is in its folder."""
-    begin, folder = time.perf_counter(), Path(folder)
-    threads = cfg["trainer"].get("threads")
+def settled(cfg: dict[str, Any], folder: str | Path, command: str) -> Outcome:
+    """Run one job in a process of its own; what became of it is in its folder."""
+    begin, folder, kind = time.perf_counter(), Path(folder), KINDS[command]
+    threads = kind.threads(cfg)
     environment = dict.fromkeys(THREADS, str(threads)) if threads else {}
-    code = _worker_for(environment).train(cfg, folder)
+    code = _worker_for(environment).run(cfg, folder, command)
     result, status = result_of(folder), status_of(folder)
     if code is not None and result is None:
         status = {"state": "failed", "kind": "died", "error": f"its process died: {ending(code)}"}
@@ -116,10 +117,8 @@ def train_job(cfg: dict[str, Any], folder: str | Path) -> Outcome:
     label = describe(folder)
     if result is None:
         return Outcome(None, f"{label}: {status.get('error', UNWRITTEN)}")
-    error = result["force_error"]
-    text = f"{error['model']['rmse']:.4g} {readable_unit(error['unit']['rmse'])} rms"
     spent = time.perf_counter() - begin
-    return Outcome(float(error["model"]["rmse"]), f"{label}: force error {text}, {spent:.1f} s{_left(folder, spent)}")
+    return Outcome(kind.score(result), f"{label}: {kind.line(result)}, {spent:.1f} s{_left(folder, spent)}")
 
 
 def _left(folder: Path, seconds: float) -> str:

@@ -20,9 +20,9 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 
 from ..errors import UserError, choose
 from .configs import with_extensions
-from .job import Outcome, train_job
+from .job import Outcome, settled
 
-Task = tuple[dict[str, Any], str]
+Task = tuple[dict[str, Any], str, str]
 Engine = Callable[[Mapping[str, Any], Sequence[Task]], Iterator[tuple[int, Outcome | BaseException]]]
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -38,7 +38,7 @@ def launch(
     """Run jobs on an engine; tell of each when it is settled.
 
     Returns:
-        What Hydra expects of a launcher; ``return_value`` is the force error, or the exception of a job that was lost.
+        What Hydra expects of a launcher; ``return_value`` is its score, or the exception of a job that was lost.
     """
     setup_globals()
     tasks, returns = [], []
@@ -55,7 +55,7 @@ def launch(
             returns[k].return_value, returns[k].status = outcome, JobStatus.FAILED
         else:
             outcome.tell()
-            returns[k].return_value, returns[k].status = outcome.rmse, JobStatus.COMPLETED
+            returns[k].return_value, returns[k].status = outcome.score, JobStatus.COMPLETED
     return returns
 
 
@@ -74,7 +74,7 @@ def _prepare(cfg: DictConfig, number: int, overrides: list[str]) -> tuple[Task, 
     _save_config(own, "config.yaml", record)
     _save_config(cfg.hydra.overrides.task, "overrides.yaml", record)
     plain: dict[str, Any] = OmegaConf.to_container(own, resolve=True)  # type: ignore[assignment]
-    return (with_extensions(plain), str(folder)), JobReturn(
+    return (with_extensions(plain), str(folder), str(cfg.hydra.job.name)), JobReturn(
         overrides=overrides, cfg=own, task_name=str(cfg.hydra.job.name)
     )
 
@@ -88,8 +88,8 @@ def on_ray(options: Mapping[str, Any], tasks: Sequence[Task]) -> Iterator[tuple[
         told = {key: value for key, value in options["init"].items() if value is not None}
         ray.init(**{"runtime_env": environment, "logging_level": "ERROR", **told})
     # A job that is lost is reported, not tried again behind the user's back.
-    task = ray.remote(**{"max_retries": 0, **options["remote"]})(train_job)
-    waiting = {task.remote(cfg, folder): k for k, (cfg, folder) in enumerate(tasks)}
+    task = ray.remote(**{"max_retries": 0, **options["remote"]})(settled)
+    waiting = {task.remote(*own): k for k, own in enumerate(tasks)}
     try:
         while waiting:
             (ready,), _ = ray.wait(list(waiting), num_returns=1)
@@ -118,7 +118,7 @@ def on_slurm(options: Mapping[str, Any], tasks: Sequence[Task]) -> Iterator[tupl
         )
     executor = submitit.AutoExecutor(folder=Path(options["folder"]).absolute() / "%j", cluster=cluster)
     executor.update_parameters(**{key: value for key, value in options["parameters"].items() if value is not None})
-    jobs = executor.map_array(train_job, *map(list, zip(*tasks, strict=True)))
+    jobs = executor.map_array(settled, *map(list, zip(*tasks, strict=True)))
     waiting = dict(enumerate(jobs))
     while waiting:
         for k, job in list(waiting.items()):

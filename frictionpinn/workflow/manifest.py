@@ -43,7 +43,7 @@ class Job:
 
 def digest(cfg: Mapping[str, Any]) -> str:
     """Fingerprint of a resolved configuration: equal where two jobs compute the same."""
-    plain = {key: value for key, value in cfg.items() if key not in ("ckpt_path", "extensions")}
+    plain = {key: value for key, value in cfg.items() if key not in ("ckpt_path", "extensions", "threads")}
     for group, keys in _MANNER.items():
         plain[group] = {key: value for key, value in (plain.get(group) or {}).items() if key not in keys}
     text = json.dumps(json.loads(json.dumps(plain, default=str)), sort_keys=True)

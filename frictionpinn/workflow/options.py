@@ -6,13 +6,15 @@ import argparse
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
+from fnmatch import fnmatch
+from glob import glob
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
 
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import ChoiceSweep, Override
+from hydra.core.override_parser.types import ChoiceSweep, Glob, Override
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
@@ -21,6 +23,8 @@ from ..errors import UserError, nearest
 from .configs import CONF, Configs, called, quote
 from .contact_options import contact_options
 from .manifest import check_free
+
+FILES = re.compile(r"data\.path=glob\(")  # Hydra's own glob() is of the options of groups
 
 
 def parsed(arguments: Sequence[str]) -> argparse.Namespace:
@@ -92,6 +96,31 @@ def _meant(configs: Configs, text: str) -> str:
         key = {"train": "data=csv data.path", "evaluate": "run"}.get(configs.name, "data=csv data.path")
         return f"say {key}={text}"
     return f"see {called(configs.name)} --help"
+
+
+def with_files(arguments: Sequence[str]) -> list[str]:
+    """The arguments of a sweep with the files that ``data.path=glob(logs/*.csv)`` stands for.
+
+    Raises:
+        UserError: there is no such file.
+    """
+    if not {"-m", "--multirun"} & set(arguments):
+        return list(arguments)
+    return [_files(item) if FILES.match(item) else item for item in arguments]
+
+
+def _files(text: str) -> str:
+    (override,) = OverridesParser.create().parse_overrides([text])
+    told = override.value()
+    if not isinstance(told, Glob):
+        return text
+    # A job knows its recording by name; a folder that moves takes its sweep along.
+    found = sorted({path for pattern in told.include for path in glob(pattern, recursive=True)})
+    found = [path for path in found if not any(fnmatch(path, pattern) for pattern in told.exclude)]
+    if not found:
+        raise UserError("no such files", where=override.key_or_group, received=", ".join(told.include),
+                        fix="name files that are there")  # fmt: skip
+    return f"{override.key_or_group}={','.join(quote(path) for path in found)}"
 
 
 def output_folder(config_folder: Path, config_name: str, arguments: Sequence[str]) -> Path:

@@ -16,7 +16,7 @@ from ..errors import Interrupted, UserError, unwritable
 from . import cli
 from .configs import called, quote
 from .manifest import MANIFEST, STATUS, Job, digest, read_manifest, result_of, set_status, status_of, write_manifest
-from .summary import summarise_sweep
+from .swept import KINDS
 
 log = logging.getLogger(__name__)
 Compose = Callable[[list[str]], DictConfig]
@@ -47,10 +47,12 @@ class Sweep:
         skip = ("hydra.sweep.dir", "hydra.mode")
         self.launch = [item for item in config.hydra.overrides.hydra if item.partition("=")[0] not in skip]
         self.swept, self.combinations, self.compose = swept, combinations, compose
+        self.command = str(OmegaConf.select(config, "hydra.job.name") or "train")
+        self.kind = KINDS[self.command]
         # Jobs side by side would contend for the cores with a thread for each core.
         alone = str(OmegaConf.select(config, "hydra.launcher._target_")).endswith("BasicLauncher")
-        threads = OmegaConf.select(config, "trainer.threads")
-        self.manner = [] if alone or threads is not None else ["trainer.threads=1"]
+        threads = OmegaConf.select(config, self.kind.threads_key)
+        self.manner = [] if alone or threads is not None else [f"{self.kind.threads_key}=1"]
 
     def run(self, launcher: Any, batch: int) -> list[Any]:
         """Run what is not finished; write the summary. Jobs that fail are reported, the others go on."""
@@ -63,10 +65,10 @@ class Sweep:
                 "another process runs this sweep", where="hydra.sweep.dir", received=self.told, fix="wait for its end"
             ) from error
         except OSError as error:
-            fix = f"make room or allow it, then {called('train')} resume={self.told}"
+            fix = f"make room or allow it, then {called(self.command)} resume={self.told}"
             raise unwritable(error, self.told, fix) from error
         except KeyboardInterrupt:
-            raise Interrupted(f"stopped; go on with: {called('train')} resume={self.told}") from None
+            raise Interrupted(f"stopped; go on with: {called(self.command)} resume={self.told}") from None
 
     def _run(self, launcher: Any, batch: int) -> list[Any]:
         jobs = self._plan()
@@ -80,11 +82,11 @@ class Sweep:
                 self._launch(launcher, todo[first : first + max(batch, 1)])
         finally:
             if any(self._begun(job) for job in jobs):
-                summarise_sweep(self.folder, jobs, self.told)
+                self.kind.summarise(self.folder, jobs, self.told)
         failed = [job for job in jobs if not result_of(self.folder / job.folder)]
         cli.failed_jobs += len(failed)
         if failed:
-            print(f"run the failed jobs again with: {called('train')} resume={self.told}", flush=True)
+            print(f"run the failed jobs again with: {called(self.command)} resume={self.told}", flush=True)
         return [result_of(self.folder / job.folder) for job in jobs]
 
     def _plan(self) -> list[Job]:

@@ -1,4 +1,4 @@
-"""The process in which jobs of a sweep train: told by lines on standard input, see :class:`.job.Worker`."""
+"""The process in which jobs of a sweep run: told by lines on standard input, see :class:`.job.Worker`."""
 
 from __future__ import annotations
 
@@ -17,15 +17,14 @@ from filelock import FileLock, Timeout
 
 from ..errors import UserError
 from ..physics import extensions
-from .checkpoints import load_checkpoint
 from .manifest import RESULT, digest, result_of, set_status
-from .train import train
+from .swept import KINDS
 
 LOCK_SECONDS = 30.0
 
 
 def main() -> None:
-    """Train every job that standard input names, until it closes."""
+    """Run every job that standard input names, until it closes."""
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what libraries print must not be taken for an answer
     logging.raiseExceptions = False  # a log that cannot be written is no reason for a traceback
@@ -34,7 +33,7 @@ def main() -> None:
     while True:
         job = json.loads(jobs.get())
         with contextlib.suppress(OSError):  # not even its status can be written: who asked for the job says so
-            settle(job["config"], Path(job["folder"]))
+            settle(job["config"], Path(job["folder"]), job["command"])
         print("settled", file=answers, flush=True)
 
 
@@ -44,19 +43,19 @@ def _listen(jobs: SimpleQueue) -> None:
     os._exit(1)  # who asked for the jobs is gone: end in the middle, the next one goes on from the last checkpoint
 
 
-def settle(cfg: dict[str, Any], folder: Path) -> None:
-    """Train one job unless its result is there; whatever happens is in its folder afterwards."""
+def settle(cfg: dict[str, Any], folder: Path, command: str) -> None:
+    """Run one job unless its result is there; whatever happens is in its folder afterwards."""
     folder.mkdir(parents=True, exist_ok=True)
-    handler = logging.FileHandler(folder / "train.log")
+    handler = logging.FileHandler(folder / f"{command}.log")
     handler.setFormatter(logging.Formatter("[%(asctime)s][%(levelname)s] %(message)s"))
     root = logging.getLogger()
     root.setLevel(logging.INFO)
     root.addHandler(handler)
     try:
         with FileLock(folder / ".lock", timeout=LOCK_SECONDS):
-            _train(cfg, folder)
+            _run(cfg, folder, command)
     except Timeout:
-        text = "another process is training this job: wait for it, or end it"
+        text = "another process runs this job: wait for it, or end it"
         set_status(folder, "failed", kind="user", error=text)
     except UserError as error:
         logging.error(str(error))
@@ -64,29 +63,21 @@ def settle(cfg: dict[str, Any], folder: Path) -> None:
     except Exception as error:
         logging.exception("unexpected error")
         last = traceback.extract_tb(error.__traceback__)[-1]
-        text = f"{type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno}; see train.log)"
+        text = f"{type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno}; see {command}.log)"
         set_status(folder, "failed", kind="crash", error=" ".join(text.split()))
     finally:
         root.removeHandler(handler)
         handler.close()
 
 
-def _train(cfg: dict[str, Any], folder: Path) -> None:
+def _run(cfg: dict[str, Any], folder: Path, command: str) -> None:
     if result_of(folder, digest(cfg)) is not None:
         return
     if (folder / RESULT).exists():
         raise UserError("a folder with another run's result", where=str(folder), fix="sweep in another folder")
-    last = folder / "checkpoints" / "last.ckpt"
     set_status(folder, "running", process=os.getpid())
     extensions.load(cfg.get("extensions") or ())
-    if last.is_file():
-        try:
-            load_checkpoint(last, "checkpoint")
-            cfg = {**cfg, "ckpt_path": str(last)}
-        except UserError as error:
-            logging.warning("%s: starting afresh", error)
-            last.rename(last.with_suffix(".unreadable"))
-    train(cfg, folder)
+    KINDS[command].run(cfg, folder)
     (folder / "status.json").unlink(missing_ok=True)
 
 
