@@ -142,8 +142,9 @@ def simulate(arm: Arm, rng: np.random.Generator, duration: float, name: str = "r
         a = pin.aba(model, data, q, v, command - F)
         v = v + STEP * a
         q = q + STEP * v
-        z = np.where(slope * STEP > 1e-9, v / np.maximum(slope, 1e-12) + (z - v / np.maximum(slope, 1e-12))
-                     * np.exp(-slope * STEP), z + STEP * v)  # fmt: skip
+        slope = arm.sigma_0 * np.abs(v) / g  # the bristle goes with the step that position makes
+        steady = v / np.maximum(slope, 1e-12)
+        z = np.where(slope * STEP > 1e-9, steady + (z - steady) * np.exp(-slope * STEP), z + STEP * v)
     model.gravity.linear, model.armature = upright, np.zeros(n)
     channels = torque * (1 + arm.effect("gain_error"))
     for k, value in arm.effects.get("coupling", {}).items():

@@ -52,7 +52,8 @@ def made(seed: int, folder: Path) -> tuple[Arm, str, int | None, np.random.Gener
     carries = [k for k in range(1, n - 1) if effort[k] > 0.1 * effort.max()]
     joint = int(rng.choice(carries))
     sizes = {
-        "load_friction": 0.06, "load_direction": 0.05, "gain_error": 0.15, "asymmetry": 0.12, "coupling": 0.1,
+        "load_friction": 0.06, "gain_error": 0.15, "asymmetry": 0.12, "coupling": 0.1,
+        "load_direction": 0.15 * arm.mu_c[joint] / effort[joint],  # dry friction stays positive at the largest loads
         "ripple": 0.12 * arm.mu_c[joint], "constant_force": 0.15 * arm.mu_c[joint], "delay": 0.012,
         "shear_thinning": 1.5, "position_friction": 0.15, "compliance": 1e-4,
     }  # fmt: skip

@@ -120,11 +120,18 @@ class ContactFriction:
     def bristle_rate(self) -> sp.Expr:
         """z' in terms of the motion and z; 0 where there is no bristle."""
         if self.law.memory:
-            return self.in_motion(self.law.bristle_rate(self.seen, self.p))
+            return self.in_motion(self._worn(self.law.bristle_rate(self.seen, self.p)))
         for effect in self.effects:
             if effect.memory:
-                return self.in_motion(effect.bristle_rate(self.seen, self.mechanism.p, self.mechanism.law))
+                return self.in_motion(self._worn(effect.bristle_rate(self.seen, self.mechanism.p, self.mechanism.law)))
         return sp.Integer(0)
+
+    def _worn(self, rate: sp.Expr) -> sp.Expr:
+        """A bristle's rate with the slip speed that effects leave in the place of |v|."""
+        speed = sp.Abs(CONTACT.v)
+        for effect in self.effects:
+            speed = effect.slip_speed(speed, CONTACT, self.mechanism.p)
+        return rate.xreplace({sp.Abs(CONTACT.v): speed})
 
     @property
     def state_rows(self) -> list[sp.Expr]:

@@ -108,6 +108,10 @@ class Effect:
         """The bristle's deflection that makes a force, out of the whole travel z."""
         return z
 
+    def slip_speed(self, speed: sp.Expr, c: Contact, p: SimpleNamespace) -> sp.Expr:
+        """The slip speed at which a bristle wears off, instead of |v|."""
+        return speed
+
     def bristle_rate(self, c: Contact, p: SimpleNamespace, law: FrictionLaw) -> sp.Expr:
         """z' of the bristle that it brings (``memory``)."""
         raise NotImplementedError

@@ -102,6 +102,32 @@ class Temperature(JointEffect):
         return p.temperature * COVARIATE.symbol * law.force(c, p)
 
 
+class Dither(JointEffect):
+    """Vibration too fast for the recording to show wears the bristle off while the joint seems to stand: |v| in z'
+    becomes its mean E|v + n|, n normal of standard deviation s = dither,
+
+    E|v + n| = s sqrt(2 / pi) exp(-v^2 / (2 s^2)) + v erf(v / (s sqrt(2))).
+
+    Units: dither in slip velocity: rad/s.
+    Neutral: none: it is a part of every joint whose law has a bristle, and small where nothing vibrates.
+    Occurs: wherever a controller answers the noise of an encoder, and with motors' torque ripple.
+    Experiment: stand still under a torque below breakaway: friction creeps to what the torque asks.
+    Source: LuGre's drift under vibration: Dupont, Hayward, Armstrong and Altpeter, IEEE Trans. Automatic Control 47
+    (2002).
+    """
+
+    name = "dither"
+    parameters = (Parameter("dither", "{L}/s", "standard deviation of the velocity that is too fast to be seen",
+                            low=1e-9),)  # fmt: skip
+
+    def applies(self, system, law, others=()):
+        return isinstance(system, RobotJoint) and law.memory
+
+    def slip_speed(self, speed, c, p):
+        s, v = p.dither, sp.Abs(c.v)
+        return s * sp.sqrt(2 / sp.pi) * sp.exp(-(v**2) / (2 * s**2)) + v * sp.erf(v / (s * sp.sqrt(2)))
+
+
 class ShearThinning(JointEffect):
     """Viscous friction that grows less than the speed: sigma_2 v becomes sigma_2 v / (1 + shear_thinning |v|).
 
@@ -121,4 +147,6 @@ class ShearThinning(JointEffect):
         return p.sigma_2 * c.v * (1 / (1 + p.shear_thinning * sp.Abs(c.v)) - 1)
 
 
-JOINT_EFFECTS: dict[str, type[Effect]] = {e.name: e for e in (LoadFriction, LoadDirection, ShearThinning, Temperature)}
+JOINT_EFFECTS: dict[str, type[Effect]] = {
+    e.name: e for e in (LoadFriction, LoadDirection, Dither, ShearThinning, Temperature)
+}

@@ -7,9 +7,9 @@ at every instant, filtered. beta are the base parameters, which all joints share
 and effects as everywhere else, along the recorded motion; load_i, the torque that the gear transmits, moves with beta,
 and so do its derivatives. Further terms act on the robot as a whole (:mod:`.whole`).
 
-Gauss-Newton on all parameters together, each joint's rows in units of its own residual; intervals from the sandwich
-A^-1 V A^-1 with the colour of the residuals (:mod:`..numerics.coloured`), since filters, the closed loop and what the
-model leaves correlate them in time.
+Gauss-Newton on all parameters together, each joint's rows in units of its own residual. Intervals come from fits
+without one block of time each (delete-a-group jackknife: Kuensch, Ann. Statist. 17, 1989), since filters, the closed
+loop and what the model leaves correlate residuals in time, and are not alike where a joint sticks and where it slides.
 
 Public: :class:`Model` (the terms and their values), :func:`solve` and :class:`Solution`.
 """
@@ -19,12 +19,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from scipy.stats import t
 
 from ..diagnose.score import inverse_root
-from ..numerics.coloured import Noise, fit_noise
 from ..numerics.imposed import ImposedFriction
 from ..physics import FrictionLaw
 from ..physics.base import Parameter, at_contact, contact_of, plain_name
@@ -38,6 +39,7 @@ from .whole import Whole
 STEPS, TRIES = 60, 12  # of Gauss-Newton at most, and dampings that each tries
 SETTLED, SAME = 1e-7, 1e-3  # relative fall of the cost, and change of the residuals' sizes, that end the search
 DAMPING, LEAST = 1e-3, 1e-12  # of Levenberg and Marquardt at first and at least, of a column's own square
+BLOCKS, LENGTH_S = 40, 1.0  # of time at most, and of each at least: many correlation times of filtered residuals
 WIDTH = 1.5  # standard deviation of a logarithm's prior about the start: a factor of 20 either way in 95 %
 
 
@@ -213,28 +215,30 @@ class Solution:
         return float(sum(len(r) for r in self.residuals) * np.log(self.sigmas).sum())
 
     @cached_property
-    def noise(self) -> Noise:
-        """Colour of the residuals of each joint."""
-        table = [{n: r[:, k] / self.sigmas[k] for k, n in enumerate(self.model.names)} for r in self.residuals]
-        count = sum(r.size for r in self.residuals)
-        return fit_noise(table, max(1 - len(self.model.free) / count, 0.1))
-
-    def spread(self, columns: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """W with W'W = C'RC of columns, shape (m, joints, c), R the autocorrelation of the residuals."""
-        names, noise = self.model.names, self.noise
-        return [np.moveaxis(noise.spread(names, np.moveaxis(c, 1, 0)), 0, 1) for c in columns]
-
-    @cached_property
     def precision(self) -> np.ndarray:
         """A: C'C and the prior, shape (free, free)."""
         return sum(np.einsum("mjc,mjd->cd", c, c, optimize=True) for c in self.columns) + np.diag(self.prior)
 
     @cached_property
+    def blocks(self) -> list[slice]:
+        """Blocks of time of all trials in a row, see :func:`blocks_of`."""
+        return blocks_of([trial.compared for trial in self.trials])
+
+    @cached_property
     def covariance(self) -> np.ndarray:
-        """Of the searched parameters: A^-1 V A^-1, shape (free, free)."""
-        H = inverse_root(self.precision)
-        W = [c.reshape(-1, c.shape[2]) @ H for c in self.spread(self.columns)]
-        middle = sum(w.T @ w for w in W) + H.T @ np.diag(self.prior) @ H
+        """Of the searched parameters, from fits without one block of time each, shape (free, free).
+
+        Residuals are correlated in time, and large where a joint sticks: both are as they are within a block.
+        """
+        C, r = np.concatenate(self.columns), np.concatenate(self.residuals) / self.sigmas
+        H, steps = inverse_root(self.precision), []
+        C = (C.reshape(-1, C.shape[2]) @ H).reshape(*C.shape[:2], -1)
+        for own in self.blocks:
+            rows = C[own].reshape(-1, C.shape[2])
+            left = inverse_root(np.eye(C.shape[2]) - rows.T @ rows)
+            steps.append(left @ (left.T @ (rows.T @ r[own].ravel())))
+        away, count = np.array(steps) - np.mean(steps, axis=0), len(steps)
+        middle = (count - 1) / count * away.T @ away + H.T @ np.diag(self.prior) @ H
         return H @ middle @ H.T
 
     @cached_property
@@ -242,12 +246,12 @@ class Solution:
         """Standard error of each free parameter, as it is searched (of a logarithm: relative)."""
         return dict(zip(self.model.free, np.sqrt(np.maximum(np.diag(self.covariance), 0)), strict=True))
 
-    def interval(self, name: str, times: float = 1.96) -> tuple[float, float]:
-        """95 % interval of a parameter, SI units."""
+    def interval(self, name: str) -> tuple[float, float]:
+        """95 % interval of a parameter, SI units: of Student's distribution, as its error is told by few blocks."""
         value = self.model.values[name]
         if name not in self.errors:
             return value, value
-        reach = times * self.errors[name]
+        reach = float(t.ppf(0.975, len(self.blocks) - 1)) * self.errors[name]
         if name in self.model.logarithmic:
             return value * float(np.exp(-min(reach, 50))), value * float(np.exp(min(reach, 50)))
         return value - reach, value + reach
@@ -255,6 +259,18 @@ class Solution:
     def told(self, name: str) -> bool:
         """Whether the recording tells a parameter: more than half of what its prior left open."""
         return bool(self.errors.get(name, np.inf) < 0.5 * self.model.priors.get(name, (0.0, np.inf))[1])
+
+
+def blocks_of(times: Sequence[np.ndarray]) -> list[slice]:
+    """Blocks of time of the compared samples of all trials in a row, none of two trials."""
+    total, blocks, first = sum(float(t[-1] - t[0]) for t in times), [], 0
+    length = max(LENGTH_S, total / BLOCKS)
+    for own in times:
+        count = max(round(float(own[-1] - own[0]) / length), 2)
+        edges = first + np.linspace(0, len(own), count + 1).round().astype(int)
+        blocks += [slice(int(a), int(b)) for a, b in pairwise(edges)]
+        first += len(own)
+    return blocks
 
 
 def solve(model: Model, trials: Sequence[Prepared], start_sigmas: np.ndarray | None = None) -> Solution:

@@ -20,11 +20,14 @@ from ..physics.robot_joint import JOINT_EFFECTS
 from .balance import Model, Solution, friction_of, solve
 from .motion import Prepared
 from .recording import joint_names
+from .whole import Lag
 
 FREE, KNOWN, PRIOR = "free", "known", "prior"
 SPREAD = 0.3  # of masses, lengths and inertias of a CAD model, relative: cables, covers and oil are not in it
 STRIBECK = (0.02, 0.1, 0.4)  # Stribeck velocities that are tried, of the largest speed
 BRISTLE = (1e-4, 1e-3, 1e-2)  # lengths of a bristle that are tried, rad or m: gears wind up by less than half a degree
+DITHER = "dither"  # of every joint whose law has a bristle: no recording shows all of its motion
+SEEN = (5e-4, 5e-3)  # dithers that are tried, of the largest speed
 STATIC = 1.2  # static over Coulomb friction at first
 COUPLED = 1e-6  # of its length: an armature's column that others explain up to that is none of its own
 
@@ -62,7 +65,10 @@ def declare(
     table = effects if isinstance(effects, Mapping) else {name: list(effects) for name in names}
     for name in table:
         choose(name, dict.fromkeys(names), "diagnose.declared")
-    at_joints = tuple(tuple(joint_effect(e) for e in table.get(name, ())) for name in names)
+    at_joints = tuple(
+        tuple(joint_effect(e) for e in dict.fromkeys([*table.get(name, ()), *([DITHER] if law.memory else [])]))
+        for name, law in zip(names, each, strict=True)
+    )
     model = Model(robot, base, tuple(each), at_joints)
     values = {f"inertia.{n}": float(b) for n, b in zip(base.names, base.values(robot.inertial), strict=True)}
     values |= {f"armature.{n}": float(i) for n, i in zip(names, robot.armature, strict=True)}
@@ -93,7 +99,7 @@ def _usual(par, law: FrictionLaw) -> float:
     """A value to begin with, before any recording was seen."""
     if par.value is not None:
         return par.value
-    return {"mu_c": 1.0, "mu_s": STATIC, "sigma_0": 1e3, "sigma_1": 1.0, "v_s": 0.05}.get(par.name, 1.0)
+    return {"mu_c": 1.0, "mu_s": STATIC, "sigma_0": 1e3, "sigma_1": 1.0, "v_s": 0.05, DITHER: 1e-5}.get(par.name, 1.0)
 
 
 def _file_errors(robot: Robot, base: Base) -> np.ndarray:
@@ -132,6 +138,7 @@ def identify(model: Model, trials: Sequence[Prepared]) -> Solution:
     Where a law has a Stribeck velocity or a bristle, each joint begins where those of a few that fit it best.
     """
     trials = list(trials)
+    model = _with_lag(model, trials)
     plain = LAWS["coulomb_viscous"]()
     linear = [k for k, law in enumerate(model.laws) if law.name not in ("coulomb", "coulomb_viscous", "none")]
     if linear:
@@ -142,6 +149,20 @@ def identify(model: Model, trials: Sequence[Prepared]) -> Solution:
         for k in linear:
             model = _best_start(model, k, trials, first)
     return solve(model.held_near(), trials)
+
+
+def _with_lag(model: Model, trials: Sequence[Prepared]) -> Model:
+    """The model with the lag of its log, which may be anything within a sample."""
+    lag, interval = Lag(), max(trial.interval for trial in trials)
+    if any(w.name == lag.name for w in model.whole):
+        return model
+    return replace(
+        model,
+        whole=(*model.whole, lag),
+        values={**model.values, lag.key: 0.0},
+        free=(*model.free, lag.key),
+        priors={**model.priors, lag.key: (0.0, interval / 3**0.5)},  # as deviates what is even over a sample either way
+    )
 
 
 def _with_law(model: Model, law: FrictionLaw, joints: Sequence[int]) -> Model:
@@ -167,6 +188,7 @@ def _best_start(model: Model, k: int, trials: Sequence[Prepared], first: Solutio
     level = max(first.model.values[plain["mu_c"]], 1e-3)
     speeds = [s * fastest for s in STRIBECK] if "v_s" in plain and plain["v_s"] in model.free else [None]
     lengths = BRISTLE if "sigma_0" in plain and plain["sigma_0"] in model.free else [None]
+    dithers = [s * fastest for s in SEEN] if DITHER in plain and plain[DITHER] in model.free else [None]
     friction = friction_of(model.laws[k], model.effects[k], bool(model.robot.turns[k]))
     linear = [n for n in ("mu_c", "sigma_2") if n in plain and plain[n] in model.free]
     loads = [first.model.loads(trial) for trial in trials]
@@ -175,12 +197,14 @@ def _best_start(model: Model, k: int, trials: Sequence[Prepared], first: Solutio
         bodies = load[:, k] + first.model.values[f"armature.{model.names[k]}"] * trial.a[:, k]
         rest.append(trial.tau[:, k] - trial.filtered(bodies))
     best: tuple[float, dict[str, float]] = (np.inf, {})
-    for speed, length in product(speeds, lengths):
+    for speed, length, dither in product(speeds, lengths, dithers):
         values = dict(model.values) | {plain["mu_c"]: level}
         if "mu_s" in plain and plain["mu_s"] in model.free:
             values[plain["mu_s"]] = STATIC * level
         if speed is not None:
             values[plain["v_s"]] = speed
+        if dither is not None:
+            values[plain[DITHER]] = dither
         if length is not None:
             values[plain["sigma_0"]] = level / length
             if "sigma_1" in plain and plain["sigma_1"] in model.free:

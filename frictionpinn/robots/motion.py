@@ -1,8 +1,12 @@
 """From a recording of a robot to what its balance is fitted to: smooth motions, regressors, filtered torques.
 
-Positions pass a zero-phase low-pass and a quintic spline, which gives their rates. The balance holds at every instant,
-so it holds filtered, too: model and measured torque pass the same low-pass and are thinned to what that leaves
-(parallel filtering). Source: Gautier, Dynamic identification of robots with power model, ICRA (1997).
+Positions pass a Kalman smoother, joint by joint: white noise of the encoder on a motion whose jerk is white, since
+accelerations jump where friction does. Both densities are those of greatest likelihood on the positions themselves, so
+its bandwidth follows from noise, sampling rate and the motion's own spectrum (:mod:`..numerics.kalman`).
+
+The balance holds at every instant, so it holds filtered, too: model and measured torque pass the same low-pass and are
+thinned to what that leaves (parallel filtering). Its cutoff is low enough that what the positions lost and kept of
+noise is small in it. Source: Gautier, Dynamic identification of robots with power model, ICRA (1997).
 
 Public: :func:`prepare` and :class:`Prepared`.
 """
@@ -20,14 +24,17 @@ from scipy.signal import butter, sosfiltfilt
 from ..data.recording import Recording, Trial
 from ..data.thresholds import AS_MEASURED
 from ..errors import UserError
-from ..numerics.smoothing import difference_sigma
+from ..numerics.kalman import KalmanSmoother
 from ..physics.robot import Base, Robot
 
 RIGID_HZ = 20.0  # links and gears of arms are no longer rigid above
 PER_PERIOD = 10.0  # samples a period of the fastest motion that is kept: derivatives then err by less than 1 %
-WORKING = 25.0  # samples a period of the cutoff at which friction is computed: bristles break loose within some of them
-WIDER = 5.0  # times the torque's cutoff is that of positions, lest they be filtered twice, and breakaway with them
+WORKING = (
+    5.0  # samples a period of the fastest that the smoothers leave: twice what shows it, as friction is integrated
+)
+ORDER = 3  # states of the smoother: position, velocity, acceleration
 THINNED = 2.5  # samples kept a period of the cutoff: at half that rate the filter passes less than 2 %
+KEPT = 0.01  # of an amplitude at the cutoff that smoothing of positions may take: as much as inertias err by then
 EDGE = 2.0  # periods of the cutoff at either end of a trial, where filters and derivatives have but one side
 
 
@@ -42,6 +49,7 @@ class Prepared:
         Y: regressor of the base parameters, shape (n, joints, base).
         tau: measured torques, filtered, shape (m, joints).
         covariate: what friction may depend on, less its mean over the recording; shape (n, joints), or None.
+        interval: between samples of the recording, s.
         cutoff_hz, keep: of the low-pass, and the samples that are kept of n.
         full: regressor of all inertial parameters, shape (n, joints, 10 bodies).
     """
@@ -55,6 +63,7 @@ class Prepared:
     Y: np.ndarray
     tau: np.ndarray
     covariate: np.ndarray | None
+    interval: float
     cutoff_hz: float
     keep: slice
     full: np.ndarray
@@ -89,7 +98,8 @@ def prepare(
         UserError: a cutoff above what the sampling rate allows, a trial shorter than filters need.
     """
     common = common or recording
-    hz = cutoff(common, len(robot.joints)) if cutoff_hz is None else float(cutoff_hz)
+    smoothers = fitted_smoothers(common, len(robot.joints))
+    hz = cutoff(common, smoothers) if cutoff_hz is None else float(cutoff_hz)
     highest = min(rate_of(trial) for trial in recording.trials) / PER_PERIOD
     if not 0 < hz <= 2 * highest:
         raise UserError(
@@ -99,7 +109,7 @@ def prepare(
             allowed=f"above 0 and up to {2 * highest:.3g} Hz, a fifth of the sampling rate",
             fix="leave it out",
         )
-    return [_prepared(trial, robot, base, hz, _mean_covariate(common)) for trial in recording.trials]
+    return [_prepared(trial, robot, base, hz, smoothers, _mean_covariate(common)) for trial in recording.trials]
 
 
 def rate_of(trial: Trial) -> float:
@@ -107,31 +117,54 @@ def rate_of(trial: Trial) -> float:
     return 1 / float(np.median(np.diff(trial.t)))
 
 
-def cutoff(recording: Recording, joints: int) -> float:
+def fitted_smoothers(recording: Recording, joints: int) -> list[KalmanSmoother]:
+    """A smoother of each joint's position, its noise and density of jerk of greatest likelihood."""
+    plain = KalmanSmoother(ORDER, jump_threshold=None)
+    return [
+        plain.fit([(trial.t, trial.signals[f"q_{k}"], None, None) for trial in recording.trials])
+        for k in range(1, joints + 1)
+    ]
+
+
+def bandwidth(smoother: KalmanSmoother, rate: float) -> float:
+    """Frequency, Hz, at which a smoother leaves half: there the motion's spectrum meets that of the noise.
+
+    With jerk of density S and noise of standard deviation s, sampled at rate f, it leaves
+    1 / (1 + (2 pi h)^6 s^2 / (S f)) of what has frequency h.
+    """
+    sigma, density = noise_of(smoother), smoother.density or 0.0
+    return float((density * rate / sigma**2) ** (0.5 / ORDER) / (2 * np.pi)) if sigma else np.inf
+
+
+def noise_of(smoother: KalmanSmoother) -> float:
+    """Standard deviation of the position's noise that a smoother was fitted with."""
+    return float((smoother.sigmas or (0.0,))[0] or 0.0)
+
+
+def cutoff(recording: Recording, smoothers: Sequence[KalmanSmoother]) -> float:
     """Frequency, Hz, up to which accelerations stand clear of the positions' noise, and links are rigid.
 
     Noise of ``AS_MEASURED`` of an acceleration's variance makes inertias too small by that share. Noise of standard
-    deviation s, sampled at rate f, leaves s^2 (2 pi)^4 h^5 2 / (5 f) in accelerations up to h.
+    deviation s, sampled at rate f, leaves s^2 (2 pi)^4 h^5 2 / (5 f) in accelerations up to h; and the smoother takes
+    (h / bandwidth)^6 of them.
     """
+    rate = float(np.median([rate_of(t) for t in recording.trials]))
     highest = min(RIGID_HZ, min(rate_of(trial) for trial in recording.trials) / PER_PERIOD)
-    for k in range(1, joints + 1):
+    for k, smoother in enumerate(smoothers, 1):
         series = [(trial.t, trial.signals[f"q_{k}"]) for trial in recording.trials]
-        sigma, rate = difference_sigma(series), float(np.median([rate_of(t) for t in recording.trials]))
-        smooth = [_spline(trial, [f"q_{k}"], highest)[2][:, 0] for trial in recording.trials]
-        moved = float(np.mean(np.concatenate(smooth) ** 2))
+        moved = float(np.mean(np.concatenate([smoother(t, q, None, None)[2] for t, q in series]) ** 2))
+        sigma = noise_of(smoother)
         if sigma > 0 and moved > 0:
-            highest = min(highest, (AS_MEASURED * moved * 5 * rate / (2 * sigma**2 * (2 * np.pi) ** 4)) ** 0.2)
+            noise = (AS_MEASURED * moved * 5 * rate / (2 * sigma**2 * (2 * np.pi) ** 4)) ** 0.2
+            highest = min(highest, noise, bandwidth(smoother, rate) * KEPT ** (0.5 / ORDER))
     return highest
 
 
-def _spline(trial: Trial, names: Sequence[str], hz: float, factor: int = 1) -> tuple[np.ndarray, ...]:
-    """Position, velocity and acceleration of signals at even steps, low-passed, and the times, shape (n, names)."""
-    rate = rate_of(trial)
-    t = trial.t[0] + np.arange(int((trial.t[-1] - trial.t[0]) * rate) + 1) / rate
-    even = make_interp_spline(trial.t, np.stack([trial.signals[name] for name in names], axis=1), k=3)(t)
-    smooth = make_interp_spline(t, _lowpass(even, rate, hz), k=5)
-    t = t[::factor]
-    return smooth(t), smooth(t, 1), smooth(t, 2), t
+def _even(trial: Trial, rate: float, names: Sequence[str], degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Even times of a trial, and its signals there, shape (n, names)."""
+    t = trial.t[0] + np.arange(int((trial.t[-1] - trial.t[0]) * rate + 0.5) + 1) / rate
+    t = t[t <= trial.t[-1] + 1e-6 / rate]
+    return t, make_interp_spline(trial.t, np.stack([trial.signals[name] for name in names], axis=1), k=degree)(t)
 
 
 @lru_cache(maxsize=64)
@@ -146,7 +179,14 @@ def _lowpass(values: np.ndarray, rate: float, hz: float) -> np.ndarray:
     return sosfiltfilt(sections, values, axis=0, padlen=pad)
 
 
-def _prepared(trial: Trial, robot: Robot, base: Base, hz: float, mean: np.ndarray | None) -> Prepared:
+def _prepared(
+    trial: Trial,
+    robot: Robot,
+    base: Base,
+    hz: float,
+    smoothers: Sequence[KalmanSmoother],
+    mean: np.ndarray | None,
+) -> Prepared:
     joints, rate = range(1, len(robot.joints) + 1), rate_of(trial)
     if (trial.t[-1] - trial.t[0]) * hz < 4 * EDGE:
         raise UserError(
@@ -156,20 +196,23 @@ def _prepared(trial: Trial, robot: Robot, base: Base, hz: float, mean: np.ndarra
             allowed=f"at least {4 * EDGE / hz:.3g} s",
             fix="leave it out, or record longer",
         )
-    factor = max(int(rate / (WORKING * hz)), 1)
-    q, v, a, t = _spline(trial, [f"q_{k}" for k in joints], min(WIDER * hz, 0.4 * rate), factor)
-    even = np.arange(t[0], t[-1] + 0.5 / rate, 1 / rate)
-    measured = make_interp_spline(trial.t, np.stack([trial.signals[f"tau_{k}"] for k in joints], axis=1), k=1)(even)
+    t, positions = _even(trial, rate, [f"q_{k}" for k in joints], 3)
+    smooth = [smoother(t, x, None, None)[:3] for smoother, x in zip(smoothers, positions.T, strict=True)]
+    fastest = max(bandwidth(smoother, rate) for smoother in smoothers)
+    factor = max(int(rate / (WORKING * max(fastest, THINNED * hz))), 1)
+    measured = _even(trial, rate, [f"tau_{k}" for k in joints], 1)[1]
+    q, v, a = (np.stack([own[i][::factor] for own in smooth], axis=1) for i in range(3))
+    t = t[::factor]
     edge, thin = round(EDGE / hz * rate / factor), max(int(rate / factor / (THINNED * hz)), 1)
     keep = slice(edge, len(t) - edge, thin)
-    tau = _lowpass(measured, rate, hz)[::factor][: len(t)][keep]
+    tau = _lowpass(measured, rate, hz)[::factor][keep]
     covariate = None
     if mean is not None:
         table = [np.interp(t, trial.t, trial.signals[f"temperature_{k}"]) for k in joints]
         covariate = np.stack(table, axis=1) - mean
     full = robot.regressor(q, v, a)
     session = (trial.start or 0.0) + t - t[0]
-    return Prepared(trial.name, t, session, q, v, a, base.reduced(full), tau, covariate, hz, keep, full)
+    return Prepared(trial.name, t, session, q, v, a, base.reduced(full), tau, covariate, 1 / rate, hz, keep, full)
 
 
 def _mean_covariate(recording: Recording) -> np.ndarray | None:

@@ -6,15 +6,16 @@ every joint and no unknowns of single trials; a term at one joint has entries in
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from scipy.stats import f
 
-from ..diagnose.score import NOTHING, TINY, inverse_root, log_p
-from .balance import Solution
+from ..diagnose.score import NOTHING, TINY, inverse_root
+from .balance import Solution, blocks_of
 
 FOLDS = 8  # stretches of time, each left out once: seven eighths still excite what the whole does
 LENGTH_S = 1.0  # of a stretch at least: many correlation times of filtered residuals
@@ -50,66 +51,81 @@ class Scorer:
         H = inverse_root(solution.precision)
         self.r = [np.concatenate([r[:, k] for r in solution.residuals]) / self.sigmas[k] for k in range(joints)]
         self.C = [np.concatenate([c[:, k] for c in solution.columns]) @ H for k in range(joints)]
-        spread = solution.spread(solution.columns)
-        self.W = [np.concatenate([c[:, k] for c in spread]) @ H for k in range(joints)]
-        self.WW, self.CC = sum(W.T @ W for W in self.W), [C.T @ C for C in self.C]
+        self.blocks = blocks_of([trial.compared for trial in solution.trials])
         self.Cr = sum(C.T @ r for C, r in zip(self.C, self.r, strict=True))
         self.folds = _folds([trial.compared for trial in solution.trials])
 
-    def _rows(self, columns: Sequence[np.ndarray], at: Sequence[int]) -> tuple[dict, dict]:
-        """A term's rows and their spread by joint, in units of the residuals."""
-        names, noise = self.solution.model.names, self.solution.noise
-        S, W = {}, {}
-        for i, k in enumerate(at):
-            own = [(c[:, i] if len(at) > 1 else c.reshape(len(c), -1)) / self.sigmas[k] for c in columns]
-            S[k] = np.concatenate(own)
-            W[k] = np.concatenate([noise.spread([names[k]], c[None])[0] for c in own])
-        return S, W
+    def _rows(self, columns: Sequence[np.ndarray], at: Sequence[int]) -> dict[int, np.ndarray]:
+        """A term's rows by joint, in units of the residuals."""
+        return {
+            k: np.concatenate([c[:, i] if len(at) > 1 else c.reshape(len(c), -1) for c in columns]) / self.sigmas[k]
+            for i, k in enumerate(at)
+        }
 
-    def test(self, columns: Sequence[np.ndarray], at: Sequence[int], strengths: int) -> list[Scored]:
-        """Score a term at several values of its hidden parameters.
+    def test(
+        self,
+        columns: Sequence[np.ndarray],
+        at: Sequence[int],
+        strengths: int,
+        possible: Callable[[np.ndarray], bool] = lambda step: True,
+    ) -> tuple[int, Scored]:
+        """Score a term at several values of its hidden parameters; the index of that which gains most, and its score.
 
         Args:
             columns: of each trial, filtered, N m by strength: at one joint of shape (m, values * strengths), on the
                 robot of shape (m, joints, strengths).
             at: joints that it acts on.
             strengths: of it.
+            possible: whether strengths are; a step that is not gains nothing.
         """
-        S, W = self._rows(columns, at)
+        S = self._rows(columns, at)
         G = sum(self.C[k].T @ S[k] for k in at)
         b = sum(S[k].T @ self.r[k] for k in at) - G.T @ self.Cr
-        wide = sum(self.W[k].T @ W[k] for k in at)
-        values = len(b) // strengths
-        split = {k: (S[k].reshape(-1, values, strengths), W[k].reshape(-1, values, strengths)) for k in at}
-        length = sum(np.einsum("nvs,nvu->vsu", x, x) for x, _ in split.values())
-        spread = sum(np.einsum("nvs,nvu->vsu", w, w) for _, w in split.values())
-        found = []
-        for v in range(values):
+        best, kept = (0, Scored(np.zeros(strengths), 0.0, 0.0, np.zeros(len(self.sigmas)))), None
+        for v in range(len(b) // strengths):
             own = slice(v * strengths, (v + 1) * strengths)
-            g = G[:, own]
-            cross = wide[:, own].T @ g
-            V = spread[v] - cross - cross.T + g.T @ self.WW @ g
-            found.append(self._scored({k: x[:, v] for k, (x, _) in split.items()}, g, length[v], b[own], V))
-        return found
+            length = sum(S[k][:, own].T @ S[k][:, own] for k in at)
+            A = length - G[:, own].T @ G[:, own]
+            told = np.diag(A) > NOTHING * np.maximum(np.diag(length), TINY)
+            if not told.any() or not np.isfinite(A).all():
+                continue
+            step, H = np.zeros(strengths), inverse_root(A[np.ix_(told, told)])
+            step[told] = -H @ (H.T @ b[own][told])
+            gain = 0.5 * float(np.sum((H.T @ b[own][told]) ** 2))
+            if gain > best[1].gain and possible(step):
+                best, kept = (v, replace(best[1], step=step, gain=gain)), (own, told)
+        if kept is None:
+            return best
+        own, told = kept
+        g = G[:, own]
+        beside = {k: (S[k][:, own] if k in S else 0.0) - self.C[k] @ g for k in range(len(self.sigmas))}
+        chance = self._chance({k: rows[:, told] for k, rows in beside.items()})
+        size = np.array([
+            self.sigmas[k] * np.sqrt(np.mean((rows @ best[1].step) ** 2)) if k in S else 0.0
+            for k, rows in beside.items()
+        ])  # fmt: skip
+        return best[0], replace(best[1], log_p=chance, size=size)
 
-    def _scored(
-        self, S: dict[int, np.ndarray], G: np.ndarray, length: np.ndarray, b: np.ndarray, V: np.ndarray
-    ) -> Scored:
-        A, step, size = length - G.T @ G, np.zeros(len(b)), np.zeros(len(self.sigmas))
-        keep = np.diag(A) > NOTHING * np.maximum(np.diag(length), TINY)
-        if not keep.any() or not np.isfinite(A).all():
-            return Scored(step, 0.0, 0.0, size)
-        H, spread = inverse_root(A[np.ix_(keep, keep)]), inverse_root(V[np.ix_(keep, keep)])
-        step[keep] = -H @ (H.T @ b[keep])
-        statistic = float(np.sum((spread.T @ b[keep]) ** 2))
-        moved = G @ step
-        for k, rows in S.items():
-            # (S - C G) step squared, from products that are there already.
-            squared = (
-                step @ (rows.T @ rows) @ step - 2 * step @ (rows.T @ self.C[k]) @ moved + moved @ self.CC[k] @ moved
-            )
-            size[k] = self.sigmas[k] * np.sqrt(max(squared, 0.0) / len(rows))
-        return Scored(step, log_p(statistic, H.shape[1]), 0.5 * float(np.sum((H.T @ b[keep]) ** 2)), size)
+    def _chance(self, rows: Mapping[int, np.ndarray]) -> float:
+        """Decimal logarithm of the chance of a term's step where it is absent.
+
+        Its covariance is that of its steps without one block of time each; Hotelling's T^2.
+
+        Args:
+            rows: of the term beside what is estimated already, by joint.
+        """
+        A = np.array([sum(x[own].T @ x[own] for x in rows.values()) for own in self.blocks])
+        b = np.array([sum(x[own].T @ self.r[k][own] for k, x in rows.items()) for own in self.blocks])
+        steps = []
+        for a, own in zip(A, b, strict=True):
+            H = inverse_root(A.sum(axis=0) - a)
+            steps.append(-H @ (H.T @ (b.sum(axis=0) - own)))
+        whole = inverse_root(A.sum(axis=0))
+        step, count, s = -whole @ (whole.T @ b.sum(axis=0)), len(A), len(b[0])
+        away = np.array(steps) - np.mean(steps, axis=0)
+        spread = inverse_root((count - 1) / count * away.T @ away)
+        ratio = float(np.sum((spread.T @ step) ** 2)) * (count - s) / (s * (count - 1))
+        return float(f.logsf(ratio, s, count - s) / np.log(10))
 
     def confirmed(self, columns: Sequence[np.ndarray], at: Sequence[int]) -> tuple[float, float, float]:
         """Cross-validation: half the squared residuals that a term takes off stretches that its fit did not see.
@@ -117,7 +133,7 @@ class Scorer:
         Returns:
             The gain, its standard error over the stretches, and its share of the squares at the joints ``at``.
         """
-        S, _ = self._rows(columns, at)
+        S = self._rows(columns, at)
         base, gains, whole = self._base, [], 0.0
         count = base[0][0].shape[0]
         parts = []

@@ -152,6 +152,33 @@ class Delay(Whole):
         return result
 
 
+class Lag(Whole):
+    """Torques and positions of a row of a log are not of one instant: the channels show the torques of ``lag`` before.
+
+    Less than a sample either way: a command is held until the next, a driver averages. Estimated with every model, its
+    prior as wide as the sampling interval.
+
+    Units: s. Neutral: 0. Occurs: in every log. Experiment: a faster log.
+    """
+
+    at_the_channel = True
+    key = "robot.lag"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.name, self.parameters = "lag", {self.key: "s"}
+
+    def shown(self, model, trial, torque):
+        return self.shown_change(model, trial, torque)
+
+    def shown_change(self, model, trial, change):
+        late = model.values.get(self.key, 0.0)
+        return change - late * np.gradient(change, trial.t, axis=0) if late and len(change) == len(trial.t) else change
+
+    def column(self, model, trial, name, along):
+        return -np.gradient(model.torques(trial)[0], trial.t, axis=0)
+
+
 class Compliance(Whole):
     """The gear twists under load, and the encoder is on the motor's side: the link stands compliance x load behind.
 

@@ -14,7 +14,7 @@ from frictionpinn.physics.robot import Base, Robot
 from frictionpinn.robots.check import inspect_robot
 from frictionpinn.robots.diagnose import Settings, diagnose
 from frictionpinn.robots.identify import declare, identify, independent_armatures, relative_errors
-from frictionpinn.robots.motion import cutoff, prepare
+from frictionpinn.robots.motion import cutoff, fitted_smoothers, prepare
 
 MU, VISCOUS = np.array([6.0, 8.0, 4.0]), np.array([3.0, 5.0, 2.0])
 ARMATURE = np.array([0.0, 0.0, 0.2])  # those of the first two joints are among their bodies' base parameters
@@ -148,7 +148,8 @@ def test_the_low_pass_is_found_from_noise_and_rate(robot):
     rough = {n: y + 1e-2 * np.random.default_rng(0).standard_normal(len(y)) if n.startswith("q") else y
              for n, y in trial.signals.items()}  # fmt: skip
     rough_one = replace(noisy, trials=(replace(trial, signals=rough),))
-    assert 3 * cutoff(rough_one, 3) < cutoff(quiet, 3) <= 20.0
+    of_rough, of_quiet = (cutoff(r, fitted_smoothers(r, 3)) for r in (rough_one, quiet))
+    assert 3 * of_rough < of_quiet <= 20.0
 
 
 WRONG = {
