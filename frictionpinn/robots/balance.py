@@ -246,12 +246,12 @@ class Solution:
         """Standard error of each free parameter, as it is searched (of a logarithm: relative)."""
         return dict(zip(self.model.free, np.sqrt(np.maximum(np.diag(self.covariance), 0)), strict=True))
 
-    def interval(self, name: str) -> tuple[float, float]:
-        """95 % interval of a parameter, SI units: of Student's distribution, as its error is told by few blocks."""
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """Interval of a parameter, SI units: of Student's distribution, as its error is told by few blocks."""
         value = self.model.values[name]
         if name not in self.errors:
             return value, value
-        reach = float(t.ppf(0.975, len(self.blocks) - 1)) * self.errors[name]
+        reach = float(t.ppf((1 + level) / 2, len(self.blocks) - 1)) * self.errors[name]
         if name in self.model.logarithmic:
             return value * float(np.exp(-min(reach, 50))), value * float(np.exp(min(reach, 50)))
         return value - reach, value + reach

@@ -236,12 +236,11 @@ def left_figure(d: RobotDiagnosis) -> Figure:
     return figure
 
 
-def write_page(path: Path, result: Mapping[str, Any], words: str, figures: Sequence[Path]) -> None:
+def write_page(path: Path, result: Mapping[str, Any], figures: Sequence[Path]) -> None:
     """Write the page, from ``page.html`` beside this file.
 
     Args:
-        result: as in ``result.json``.
-        words: see :func:`headline`.
+        result: as in ``result.json``; ``handed_on`` as in ``export.json`` where the robot was handed on.
         figures: PNG files, embedded under their names.
     """
     images = {p.stem: base64.b64encode(p.read_bytes()).decode() for p in figures}
@@ -251,7 +250,7 @@ def write_page(path: Path, result: Mapping[str, Any], words: str, figures: Seque
         refused.setdefault(item["why"], []).append(item["name"])
     text = page.render(
         r=result,
-        headline=words,
+        headline=result["headline"],
         images=images,
         refused=refused,
         looks=LOOKS,

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .motion import Prepared
 
 G = 9.81
+LAG = "lag"  # of a log, in every model
 
 
 def joint_of(name: str) -> int:
@@ -166,7 +167,7 @@ class Lag(Whole):
 
     def __init__(self) -> None:
         super().__init__()
-        self.name, self.parameters = "lag", {self.key: "s"}
+        self.name, self.parameters = LAG, {self.key: "s"}
 
     def shown(self, model, trial, torque):
         return self.shown_change(model, trial, torque)

@@ -276,9 +276,10 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
         "config": cfg,
     }
     paths = draw(folder / "figures", d)
+    result["headline"] = headline(d)
     result["figures"] = [str(p.relative_to(folder)) for p in paths]
     write_json(folder / "result.json", result)
-    write_page(folder / "report.html", result, headline(d), paths)
+    write_page(folder / "report.html", result, paths)
     for line in in_text(d):
         log.info(line)
     log.info(f"result.json, figures and the page report.html are in {folder}")

@@ -19,6 +19,8 @@ from ..robots.arm import Arm
 from ..robots.handing_on import hand_on
 from ..robots.identify import declare
 from ..robots.motion import prepare
+from ..robots.report import write_page
+from ..robots.whole import LAG
 from .build import Config
 from .manifest import RESULT, write_json
 from .provenance import commit, versions
@@ -62,7 +64,7 @@ def export_robot(cfg: Config, result: dict[str, Any], forms: list[str]) -> dict[
     file = fetch("ur10e", ["urdf"])["urdf"] if file == "ur10e" and config["data"]["name"] == "ur10e" else file
     folder = Path(cfg["run"]) / "export"
     handed = hand_on(arm, file, folder, (trial.t, trial.q, trial.v, trial.a), forms)
-    notes = [f"left out of every form: {name}" for name in model["whole"]]
+    notes = [f"left out of every form: {name}" for name in model["whole"] if name != LAG]
     if arm.misfit > EXACT:
         bodies, friction = arm.torques(trial.t, trial.q, trial.v, trial.a)
         off = bodies - arm.armature * trial.a - trial.Y @ fitted.beta
@@ -71,7 +73,11 @@ def export_robot(cfg: Config, result: dict[str, Any], forms: list[str]) -> dict[
         notes.append(f"which changes the joints' torques along the motion by {told} (rms)")
         notes.append("robot.inertia=prior or known estimates bodies nearer to the file's")
     table = handed.to_dict() | {"motion": trial.name, "versions": versions(), "commit": commit()}
-    write_json(folder / "export.json", table | {"notes": [*handed.notes, *notes]})
+    table |= {"notes": [*handed.notes, *notes]}
+    write_json(folder / "export.json", table)
+    if "headline" in result:
+        figures = [Path(cfg["run"]) / name for name in result["figures"]]
+        write_page(Path(cfg["run"]) / "report.html", result | {"handed_on": table}, figures)
     for line in (*(line for shown in handed.tables() for line in shown.text().splitlines()), *notes):
         log.info(line)
     log.info(f"{', '.join(forms)} in {folder}; along trial {trial.name}")
