@@ -19,6 +19,7 @@ from frictionpinn.physics.robot import Robot
 STEP, EVERY = 5e-4, 2
 ENCODER = 2 * np.pi / 2**19
 NOISE = 0.02
+WINDS = 5e-3  # s in which a gear winds up: one without a motor's inertia behind it would answer at once
 
 
 def seven(path: Path) -> Path:
@@ -116,17 +117,17 @@ def simulate(arm: Arm, rng: np.random.Generator, duration: float, name: str = "r
     q, v, z = qr[0].copy(), vr[0].copy(), np.zeros(n)
     a, command = np.zeros(n), nominal[0].copy()
     seen = np.round(q / ENCODER) * ENCODER
-    rate = v.copy()
+    rate, twist = v.copy(), np.zeros(n)
     shown, torque = np.empty((len(t) // EVERY, n)), np.empty((len(t) // EVERY, n))
     for i in range(len(t)):
         if i % EVERY == 0:
-            twist = compliance * (command if i else np.zeros(n))
             noisy = np.round((q + twist) / ENCODER + rng.standard_normal(n)) * ENCODER
             rate += 0.2 * ((noisy - seen) / (EVERY * STEP) - rate)
             seen = noisy
             command = nominal[i // EVERY] + inertia * (kp * (qr[i] - seen) + kd * (vr[i] - rate))
             shown[i // EVERY], torque[i // EVERY] = noisy, command
         load = pin.rnea(model, data, q, v, a) - arm.armature * a
+        twist += STEP / WINDS * (compliance * load - twist)
         more = (load_k * np.abs(load) + direction * load * np.sign(v)) / arm.mu_c
         N = (1 + asymmetry * np.sign(v)) * (1 + drift * t[i]) * (1 + position * q) + more
         g = N * (arm.mu_c + (arm.mu_s - arm.mu_c) * np.exp(-((v / arm.v_s) ** 2)))
