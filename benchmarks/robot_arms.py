@@ -3,7 +3,8 @@
     q'' from the forward dynamics under u - F, every 0.5 ms; recorded every 1 ms: q as the encoder shows it (2^-19 of a
     turn, and noise of as much), tau = u (1 + gain) + coupling + 2 % of white noise.
 
-The controller sees the encoder alone: computed torque with masses 10 % off, and stiff feedback on position and rate.
+The log shows the motor's side of a gear; the controller sees an encoder at the link alone: computed torque with masses
+10 % off, and stiff feedback on position and rate.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from frictionpinn.physics.robot import Robot
 STEP, EVERY = 5e-4, 2
 ENCODER = 2 * np.pi / 2**19
 NOISE = 0.02
-WINDS = 5e-3  # s in which a gear winds up: one without a motor's inertia behind it would answer at once
 
 
 def seven(path: Path) -> Path:
@@ -121,13 +121,13 @@ def simulate(arm: Arm, rng: np.random.Generator, duration: float, name: str = "r
     shown, torque = np.empty((len(t) // EVERY, n)), np.empty((len(t) // EVERY, n))
     for i in range(len(t)):
         if i % EVERY == 0:
-            noisy = np.round((q + twist) / ENCODER + rng.standard_normal(n)) * ENCODER
+            noisy = np.round(q / ENCODER + rng.standard_normal(n)) * ENCODER
             rate += 0.2 * ((noisy - seen) / (EVERY * STEP) - rate)
             seen = noisy
             command = nominal[i // EVERY] + inertia * (kp * (qr[i] - seen) + kd * (vr[i] - rate))
-            shown[i // EVERY], torque[i // EVERY] = noisy, command
+            shown[i // EVERY], torque[i // EVERY] = noisy + np.round(twist / ENCODER) * ENCODER, command
         load = pin.rnea(model, data, q, v, a) - arm.armature * a
-        twist += STEP / WINDS * (compliance * load - twist)
+        twist = compliance * load
         more = (load_k * np.abs(load) + direction * load * np.sign(v)) / arm.mu_c
         N = (1 + asymmetry * np.sign(v)) * (1 + drift * t[i]) * (1 + position * q) + more
         g = N * (arm.mu_c + (arm.mu_s - arm.mu_c) * np.exp(-((v / arm.v_s) ** 2)))
