@@ -3,6 +3,7 @@
     python benchmarks/compensation.py                 # tunes, runs, reports: 20 minutes on a core
     python benchmarks/compensation.py --seeds 2       # a quick look, not written
     python benchmarks/compensation.py --margins       # over-compensation, 100 random axes
+    python benchmarks/compensation.py --ways          # ways of learning on the same axes
     python benchmarks/compensation.py --latency       # one cycle in C and in Python
     python benchmarks/compensation.py --diagnosed     # the missing effect diagnosed and added before compensating
     python benchmarks/compensation.py --oracle        # what separates our estimator from the oracle
@@ -67,6 +68,7 @@ CHOICES = {  # what is adjustable in an arm, and the values tried
 MEASURED = [name for name, kind in KINDS.items() if not np.isfinite(kind.resonance)]
 PARTS = {  # option -> module with a function of that name
     "margins": "compensation_parts",
+    "ways": "compensation_parts",
     "latency": "compensation_parts",
     "diagnosed": "compensation_diagnosed",
     "oracle": "compensation_oracle",

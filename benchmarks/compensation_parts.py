@@ -8,6 +8,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from compensation import (
     closed,
     compensator,
     config,
+    figures,
     limit_cycle,
     made,
 )
@@ -27,6 +29,7 @@ from compensation_plants import KINDS, LOAD, Draw, draw
 from compensation_report import keep, kept, save
 
 from frictionpinn.control import Compensator, reference
+from frictionpinn.control.references import stroke
 from frictionpinn.export.compensator import write_compensator_c
 
 GAINS = (1.0, 1.25, 1.5, 2.0, 3.0)
@@ -121,6 +124,52 @@ def _margin(chosen: dict, name: str, arm: str) -> str:
     return f"{best:g}" if 0 < best < GAINS[-1] else (f"over {best:g}" if best else "below 1")
 
 
+def anywhere(it: Draw) -> Compensator:
+    """Our estimator, its places learned however fast they pass."""
+    own = compensator("estimator", it)
+    assert own is not None
+    own.plan = own.plan._replace(passing=1e9)
+    return own
+
+
+WAYS: dict[str, Callable[[Draw], Compensator | None]] = {
+    "our estimator, default": lambda it: compensator("estimator", it),
+    "places learned at any speed": anywhere,
+    "nothing learned by place": lambda it: compensator("estimator", it, uneven=0.0),
+    "nothing learned but the disturbance": lambda it: compensator("estimator", it, uneven=0.0, adapt={}, spread={}),
+    "bandwidth 60 Hz": lambda it: compensator("estimator", it, bandwidth=60.0),
+}
+TRIED = 4200  # first seed of the random axes on which ways of learning were compared and chosen
+SHARP = ("drive", "stage")  # axes whose slow triangle is near stick-slip with the PID alone
+
+
+def ways(chosen: dict, kinds: Iterable[str] = SHARP) -> None:
+    """Ways of learning on the same random axes: limit cycles, and error relative to the default."""
+    kinds, seeds = [name for name in kinds if name in SHARP], range(TRIED + 1, TRIED + 1 + 4 * EACH, 2)
+    lines = [
+        "python benchmarks/compensation.py --ways",
+        f"{len(seeds) * len(kinds)} random axes ({', '.join(kinds)}; seeds from {TRIED}, on which ways were compared), "
+        f"{' and '.join(STABILITY)},",
+        f"parameters 20 % wrong, load +{100 * (LOAD - 1):g} %; limit cycles as in compensation_stability.txt",
+        "",
+        f"  {'':<40}{'motions with a':>16}{'rms error over that of the default':>40}",
+        f"  {'':<40}{'limit cycle':>16}{'median, 90 %, worst':>40}",
+    ]
+    first = np.ones(0)
+    for title, make in WAYS.items():
+        runs = [(name, seed, motion) for name in kinds for seed in seeds for motion in STABILITY]
+        cycles, errors = 0, []
+        for name, seed, motion in runs:
+            found = closed(name, motion, seed, make, holds=RESTS)
+            cycles += unstable(found)
+            errors.append(figures(found)["rms"])
+        first = first if len(first) else np.array(errors)
+        share = np.array(errors) / first
+        told = f"{np.median(share):.2f}, {np.quantile(share, 0.9):.2f}, {share.max():.3g}"
+        lines.append(f"  {title:<40}{f'{cycles} of {len(runs)}':>16}{told:>40}")
+    save("ways", lines)
+
+
 _CLOCKED = """#define _POSIX_C_SOURCE 199309L
 #include <stdio.h>
 #include <time.h>
@@ -162,11 +211,12 @@ def latency(chosen: dict, kinds: Iterable[str] = ("drive", "joint")) -> None:
                       ("drive", "disturbance_observer")):  # fmt: skip
         if name not in kinds:
             continue
-        it = draw(name, FIRST)
+        path = reference("sine", KINDS[name].amplitude, 2.0)
+        it = replace(draw(name, FIRST), stroke=stroke([path], MOVES))
         own = made(chosen, name, arm)(it)
         assert own is not None
         t = np.arange(CYCLES) * INTERVAL
-        wanted = reference("sine", KINDS[name].amplitude, 2.0)(t)
+        wanted = path(t)
         rng = np.random.default_rng(0)
         rows = np.column_stack(
             [wanted, wanted[:, 0] + it.plant.resolution * rng.normal(size=len(t)), rng.normal(size=len(t))]
