@@ -12,7 +12,7 @@ from .claims import claims
 from .runs import read
 
 Result = Mapping[str, Any]
-PARTS = ("fidelity", "equations", "transfer", "identification", "ablation")
+PARTS = ("fidelity", "memory", "equations", "transfer", "identification", "ablation")
 KINDS = {"online": "online", "in_simulation": "in simulation"}
 
 
@@ -91,6 +91,23 @@ def _learned(table: Mapping[str, Any]) -> str:
     body = [[model.upper(), *(spread(table[model][name]) for name in names)] for model in models]
     body.append(["truth", *(number(table[models[0]][name]["truth"]) for name in names)])
     return grid(["model", *(unit(name, table[models[0]][name]["unit"]) for name in names)], body)
+
+
+def memory(result: Result, folder: str) -> list[str]:
+    """Published, with windows and with a state side by side."""
+    lines = ["## Networks with memory\n", text.MEMORY, seeds(result)]
+    seconds = result["seconds_of_training"]
+    heads = ["model", "memory", *(head for kind in KINDS.values() for head in (f"{kind}, N²", f"published, {kind}"))]
+    for name, methods in result["errors"].items():
+        body = []
+        for key, row in methods.items():
+            model, variant = key.split("_")
+            cells = [spread(row.get(kind)) for kind in KINDS]
+            published = [number((row.get(kind) or {}).get("published")) for kind in KINDS]
+            between = [cell for pair in zip(cells, published, strict=True) for cell in pair]
+            body.append([model.upper(), text.VARIANTS[variant], *between, number(seconds[key]["value"])])
+        lines += [f"**{name}**\n", grid([*heads, "training, s"], body)]
+    return lines
 
 
 def equations(result: Result, folder: str) -> list[str]:
@@ -175,6 +192,7 @@ def ablation(result: Result, folder: str) -> list[str]:
 
 SECTIONS = {
     "fidelity": fidelity,
+    "memory": memory,
     "transfer": transfer,
     "identification": identification,
     "equations": equations,

@@ -14,7 +14,7 @@ from ..progress import Steps
 from ..workflow.build import Config
 from ..workflow.manifest import write_json
 from ..workflow.provenance import commit, versions
-from . import ablation, equations, fidelity, identification, transfer
+from . import ablation, equations, fidelity, identification, memory, transfer
 from .document import document
 from .runs import hushed, read
 
@@ -22,6 +22,7 @@ log = logging.getLogger(__name__)
 Part = Callable[[Config, Path, Path, int], dict[str, Any]]
 PARTS: dict[str, Part] = {
     "fidelity": fidelity.run,
+    "memory": memory.run,
     "equations": equations.run,
     "transfer": transfer.run,
     "identification": identification.run,

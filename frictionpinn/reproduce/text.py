@@ -36,6 +36,19 @@ the networks as trained. BB2 and PE2 look at windows of the past and are simulat
 cycles, and a simulation fails where no force satisfies the equation of motion.
 """
 
+MEMORY = """The same networks with a state instead of windows of the past: bristles in parallel that dissipate by
+construction (`model.memory=state`, docs/guide/memory.md). *Through the balance* their force is compared with that of
+the equation of motion; *through the motion* (`experiment=memory`) segments of the trials are simulated and velocity
+and force compared with the measured ones, which wants the frictionless acceleration that BB2 and PE2 see. BB1 and PE1
+with windows are fitted in motion, as above.
+"""
+
+VARIANTS = {
+    "windows": "windows",
+    "balance": "state, through the balance",
+    "motion": "state, through the motion",
+}
+
 CHARACTERISTICS = """Steady friction force over slip velocity and normal force, within what the training trials
 cover: PE1, BB1, and LuGre in steady sliding.
 """
