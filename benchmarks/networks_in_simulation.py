@@ -1,11 +1,11 @@
 """Networks with memory on the pendulum on a box: in simulation, online, parameters, and 200 random swings.
 
-    python benchmarks/networks_in_simulation.py [--models pe2 bb2] [--seeds 5] [--swings 200]
+    python benchmarks/networks_in_simulation.py [--models pe2 bb2 pe1 bb1] [--seeds 5] [--swings 200] [--decade]
 
 Trained by experiment=memory on the six-trial protocol at 5 % noise, with seeds from 1000, on which no choice was made;
 scored on Traj. 1 and Traj. 2 of conf/evaluate.yaml. The swings: 2 s of 30 to 65 degrees at 0.7 to 1.2 Hz, skewed at
 random, then 1 s of rest, in which a limit cycle would show. Writes networks_in_simulation_<model>.txt of
-benchmarks/results.
+benchmarks/results, with --decade networks_in_simulation_<model>_decade.txt.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from frictionpinn.numerics.simulation import ContactLost, SimulationFailed
 from frictionpinn.physics import LAWS, System
 from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.workflow.experiment import build_data
+from frictionpinn.workflow.identify import bounds_of, start_within
 from frictionpinn.workflow.load import load_run
 from frictionpinn.workflow.train import train
 from frictionpinn.workflow.trajectories import build_trajectories, transferred
@@ -37,12 +38,19 @@ RESULTS = ROOT / "benchmarks" / "results"
 AT_REST = 1e-4  # m/s: faster than that after a second of rest is a limit cycle
 
 
-def trained(name: str, seed: int, folder: Path) -> dict[str, Any]:
-    """Errors of one training: by trajectory in simulation and online, parameters, processor seconds."""
+def trained(name: str, seed: int, folder: Path, decade: bool = False) -> dict[str, Any]:
+    """Errors of one training: by trajectory in simulation and online, parameters, processor seconds.
+
+    ``decade``: bounds and start of the law's parameters as of identify.py bounds=decade.
+    """
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
         options = ["experiment=memory", f"model={name}", f"seed={seed}", "trainer.accelerator=cpu", "trainer.threads=1",
-                   "trainer.progress_bar=false"]  # fmt: skip
+                   "trainer.progress_bar=false", "model.loss.through=motion"]  # fmt: skip
         cfg: Any = OmegaConf.to_container(compose("train", overrides=options), resolve=True)
+    if decade:
+        around: Any = OmegaConf.to_container(OmegaConf.load(ROOT / "conf" / "bounds" / "decade.yaml"))
+        bounds = bounds_of(cfg | {"bounds": around}, seed)
+        cfg["friction"] |= {"bounds": bounds, "start": start_within(bounds, seed)}
     begin = time.process_time()
     result = train(cfg, folder)
     found: dict[str, Any] = {"seconds": time.process_time() - begin, "in simulation": {}, "online": {}}
@@ -95,22 +103,26 @@ def main() -> None:
     parser.add_argument("--models", nargs="*", default=["pe2", "bb2"])
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--swings", type=int, default=200)
+    parser.add_argument("--decade", action="store_true", help="bounds a decade wide around the truth, of a PE")
     options = parser.parse_args()
     head = f"experiment=memory on pob, seeds 1000 to {999 + options.seeds}: medians [lowest, highest]; force in N^2"
+    kind = "_decade" if options.decade else ""
     for name in options.models:
-        runs, lines, result = [], [head], RESULTS / f"networks_in_simulation_{name}.txt"
+        runs, lines, result = [], [head], RESULTS / f"networks_in_simulation_{name}{kind}.txt"
         with tempfile.TemporaryDirectory() as folder:
             for seed in range(1000, 1000 + options.seeds):
-                runs.append(trained(name, seed, Path(folder) / f"{name}_{seed}"))
+                runs.append(trained(name, seed, Path(folder) / f"{name}_{seed}", options.decade))
                 print(name, seed, {key: runs[-1][key] for key in ("in simulation", "online", "parameters")}, flush=True)
         lines += ["", f"{name}: {told([run['seconds'] for run in runs])} s of processor time for a training"]
-        for kind in ("in simulation", "online"):
-            for trajectory in runs[0][kind]:
-                lines.append(f"  {trajectory} {kind:<14} {told([run[kind][trajectory] for run in runs])}")
+        for way in ("in simulation", "online"):
+            for trajectory in runs[0][way]:
+                lines.append(f"  {trajectory} {way:<14} {told([run[way][trajectory] for run in runs])}")
         for key in runs[0]["parameters"]:
             if any(run["parameters"][key] for run in runs):
                 lines.append(f"  {key:<8} off by {told([100 * run['parameters'][key] for run in runs])} %")
         result.write_text("\n".join(lines) + "\n")  # the swings take long
+        if not options.swings:
+            continue
         failed, cycles = swings(runs[0]["system"], runs[0]["friction"], options.swings)
         lines.append(f"  {options.swings} random swings: {failed} failed, {cycles} not at rest after a second of rest")
         print("\n".join(lines), flush=True)

@@ -42,9 +42,10 @@ DIAGNOSED = {"brfd": "14.23 %", "emps": "3.19 %", "multiarm_pendulum": "0.90 mra
 GAPS = "model.state.gaps=true"
 CANDIDATES: dict[str, list[tuple[str, ...]]] = {
     "brfd": [("model=bb1", "model.state.elements=1"), ("model=bb1", "model.state.elements=1", GAPS),
-             ("model=bb1", "model.state.elements=2", GAPS), ("model=pe1",)],
+             ("model=bb1", "model.state.elements=2", GAPS), ("model=bb1", "model.state.elements=3", GAPS),
+             ("model=bb1", "model.state.elements=4", GAPS), ("model=pe1",)],
     "emps": [("model=bb1", "model.state.elements=1"), ("model=bb1", "model.state.elements=1", "model.state.delay=true"),
-             ("model=pe1",)],
+             ("model=bb1", "model.state.elements=2", "model.state.delay=true"), ("model=pe1",)],
     "multiarm_pendulum": [("model=bb1", "model.state.elements=1"), ("model=pe1",)],
 }  # fmt: skip
 ROLLOUT_S = 4.0
@@ -70,7 +71,7 @@ def force_error(model: Any, system: System, trials: Sequence[ContactTrial]) -> f
         force = model.predict_trial(trial)["force"]
         if isinstance(model, StateModel) and hasattr(model, "delay"):
             whole = trial.online["a_frictionless"] / model.scales["mobility"]
-            force = force - float(model.lag()) * np.gradient(whole, trial.t)
+            force = force - float(model.lag().detach()) * np.gradient(whole, trial.t)
         off += float(np.sum((force - trial.online["friction_force"]) ** 2))
         size += float(np.sum(trial.measured["force"] ** 2))
     return 100 * (off / size) ** 0.5

@@ -1,13 +1,15 @@
 """What Lightning costs: one epoch of the default training against the same step in a bare torch loop.
 
-    python benchmarks/train_step.py
+    python benchmarks/train_step.py [--cases pe1 pe2 pe2+memory]
 
 Both train the same model on the same batch with the same optimizer and schedule, in turn, in one process: the ratio is
-the median over rounds. An epoch is one full-batch step. Writes benchmarks/results/train_step.txt.
+the median over rounds. An epoch is one full-batch step; +memory: experiment=memory. Writes
+benchmarks/results/train_step.txt, cases that are not run staying as they are.
 """
 
 from __future__ import annotations
 
+import argparse
 import statistics
 import sys
 import tempfile
@@ -24,6 +26,7 @@ from frictionpinn.workflow.experiment import build_data, build_model
 from frictionpinn.workflow.train import build_trainer, quiet
 
 ROOT = Path(__file__).resolve().parents[1]
+RESULT = ROOT / "benchmarks" / "results" / "train_step.txt"
 EPOCHS, ROUNDS = 100, 9
 
 
@@ -76,23 +79,30 @@ def with_lightning(cfg, data, model) -> float:
         return clock.seconds
 
 
+WAYS = (bare, with_lightning)
+
+
 def main() -> None:
     quiet()
     torch.set_num_threads(1)
-    lines = [
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", nargs="*", default=["pe1", "pe2", "pe2+memory", "bb2+memory"])
+    head = (
         f"one epoch (a full-batch step), median of {ROUNDS} rounds of {EPOCHS}; torch {torch.__version__}, one thread"
-    ]
-    for name in ("pe1", "pe2"):
+    )
+    known = dict(line.split(": ", 1) for line in RESULT.read_text().splitlines()[1:]) if RESULT.is_file() else {}
+    for case in parser.parse_args().cases:
+        name, *memory = case.split("+")
         pairs = []
         for _ in range(ROUNDS):
-            loop, epoch = bare(*setup(name)), with_lightning(*setup(name))
+            loop, epoch = (time_of(*setup(name, *(["experiment=memory"] if memory else []))) for time_of in WAYS)
             pairs.append((loop, epoch))
         loop, epoch = (1e3 * statistics.median(column) / EPOCHS for column in zip(*pairs, strict=True))
         ratio = statistics.median(b / a for a, b in pairs)
-        lines.append(f"{name}: bare loop {loop:.2f} ms, Lightning {epoch:.2f} ms, ratio {ratio:.3f}")
-    text = "\n".join(lines) + "\n"
+        known[case] = f"bare loop {loop:.2f} ms, Lightning {epoch:.2f} ms, ratio {ratio:.3f}"
+    text = "\n".join([head, *(f"{case}: {told}" for case, told in known.items())]) + "\n"
     sys.stdout.write(text)
-    (ROOT / "benchmarks" / "results" / "train_step.txt").write_text(text)
+    RESULT.write_text(text)
 
 
 if __name__ == "__main__":

@@ -191,7 +191,7 @@ class StateModel(FrictionModel):
         share = ((force - still[:, self.K] * v)[:, None] / (elements[0] * dry).sum(1, keepdim=True)).clamp(-1, 1)
         carried = share.sign() * (elements[2] + dry * share.abs())
         slides = v.abs() > 2 * GATE * self.scales["slip_noise"]
-        return torch.where(slides[:, None] & self.moving, settled, carried)
+        return torch.where(slides[:, None] & (self.moving or self.through == "motion"), settled, carried)
 
     def _read(self, tables: Tensor, v: Tensor, N: Tensor) -> Tensor:
         """The tables at points, shape (n, K + 1)."""
@@ -320,14 +320,15 @@ def lengths(trials: Sequence[ContactTrial], noise: float) -> list[int]:
 
 
 def through(wanted: Any, moving: bool, scales: dict[str, float]) -> str:
-    """What a training goes through: the motion where nothing is said, the contact moves and its noise is known."""
+    """What a training goes through: where nothing is said, the motion if the model moves the contact online too."""
+    possible = min(scales["mobility"], scales["slip_noise"], scales["force_noise"]) > 0
     if wanted is None:
-        return "motion" if moving and scales["slip_noise"] > 0 and scales["force_noise"] > 0 else "balance"
+        return "motion" if moving and possible else "balance"
     choose(wanted, dict.fromkeys(THROUGH), "model.loss.through")
-    if wanted == "motion" and not (moving and scales["slip_noise"] > 0 and scales["force_noise"] > 0):
+    if wanted == "motion" and not possible:
         raise UserError("no motion to train through", where="model.loss.through", received="motion",
-                        allowed="balance here: motion wants a contact that friction moves by a constant mobility, the "
-                        "input a_frictionless, and measured noise", fix="leave model.loss.through=null")  # fmt: skip
+                        allowed="balance here: motion wants a contact that friction moves by a constant mobility, and "
+                        "measured noise", fix="leave model.loss.through=null")  # fmt: skip
     return wanted
 
 

@@ -49,11 +49,17 @@ def test_a_checkpoint_gives_the_same_force(stateful, data, name):
     np.testing.assert_array_equal(model.predict_trial(trial)["force"], again.predict_trial(trial)["force"])
 
 
-def test_only_a_model_that_sees_the_frictionless_acceleration_is_trained_through_the_motion(stateful):
+def test_a_model_is_trained_through_the_motion_where_it_moves_the_contact_or_where_told(stateful):
     assert [stateful(name).through for name in VARIANTS] == ["balance", "motion", "balance", "motion"]
     assert stateful("bb2", loss={"through": "balance"}).through == "balance"
+    assert stateful("bb1", loss={"through": "motion"}).through == "motion"
+
+
+def test_an_imposed_motion_is_no_motion_to_train_through(stateful):
+    model = stateful("bb1")
     with pytest.raises(UserError, match=r"model.loss.through"):
-        stateful("bb1", loss={"through": "motion"})
+        StateModel(**dict(model.hparams) | {"loss": {"force": "normalised", "through": "motion"},
+                                            "scales": model.scales | {"mobility": 0.0}})  # fmt: skip
 
 
 def test_the_force_now_does_not_depend_on_what_comes_later(stateful, data):
@@ -85,6 +91,23 @@ def test_what_smoothing_leaves_is_found_by_smoothing_again(data):
     assert 0 < told["input_error"] < 0.2 and told["input_time"] >= 0.005
     noise = np.concatenate([t.seen["v_slip"] - t.truth["v_slip"] for t in train])
     assert told["slip_noise"] == pytest.approx(np.sqrt(np.mean(noise**2)), rel=0.1)
+
+
+def test_a_stiffer_bristle_slides_under_the_same_force(stateful):
+    model = stateful("bb2", state={"elements": 2, "gaps": False, "delay": False})
+    v, N = np.array([-0.4, 0.1, 0.5]), np.array([8.0, 14.0, 20.0])
+    before = model.friction().steady(v, N)
+    with torch.no_grad():
+        model.stiffness += 1.0
+    np.testing.assert_allclose(model.friction().steady(v, N), before, rtol=1e-6)
+
+
+def test_stiffness_and_damping_are_trained_with_the_step_size_of_physical_parameters(stateful):
+    model = stateful("bb2")
+    network, physical = model.configure_optimizers().param_groups
+    assert {id(p) for p in physical["params"]} == {id(p) for p in (model.stiffness, model.damping, model.sharp)}
+    assert physical["lr"] == pytest.approx(model.optimizer_config["lr_physical"])
+    assert physical["lr"] != network["lr"]
 
 
 @pytest.mark.parametrize("elements", [0, 1.5, "two", True])
