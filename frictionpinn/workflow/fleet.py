@@ -176,7 +176,7 @@ def page(members: Sequence[Member], table: Mapping[str, Mapping[str, int]]) -> s
     text = Template(Path(__file__).with_name("fleet.html").read_text(encoding="utf-8"))
     return text.render(
         looks=LOOKS, members=members, done=done, failed=[m for m in members if not m.result], rows=rows,
-        table=table, places=places, left=left,
+        table=table, places=places, whole=any("" in own for own in table.values()), left=left,
         clean=sum(1 for m in done if not m.effects and not left(m.result)), fewest=FEWEST,
     )  # fmt: skip
 
