@@ -51,6 +51,20 @@ def test_a_log_of_an_arm_is_checked_and_diagnosed_with_a_page(folder):
                [(sum(result["torque_error"][name][k]) for k in ("before", "after"))])  # fmt: skip
 
 
+def test_the_page_tells_what_a_form_that_the_arm_is_handed_on_to_cannot_say(folder):
+    run = options(folder, "friction=coulomb_viscous", "diagnose.effects=[load_friction]", "hydra.run.dir=handed")
+    assert call("diagnose.py", *run, cwd=folder).returncode == 0
+    before = (folder / "handed/report.html").read_text()
+    done = call("evaluate.py", "run=handed", "export=[urdf]", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    page = (folder / "handed/report.html").read_text()
+    assert "Handed on" in page and "Handed on" not in before and before.count("<figure>") == page.count("<figure>")
+    told = json.loads((folder / "handed/export/export.json").read_text())
+    worst = max(told["joints"], key=lambda row: row["error"])
+    assert "load_friction" in worst["left_out"] and f"{100 * worst['error']:.2g}" in page
+    assert not any("lag" in note for note in told["notes"])
+
+
 def test_an_arm_is_identified_by_command(folder):
     run = options(folder, "data=csv", "friction=coulomb_viscous", "hydra.run.dir=identified")
     done = call("identify.py", *run, cwd=folder)
