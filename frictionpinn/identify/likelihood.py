@@ -27,6 +27,8 @@ from ..data.recording import Recording
 from ..errors import UserError
 from ..numerics.descent import (
     CLOSELY,
+    GIVEN,
+    KNOWN,
     Evaluate,
     Solution,
     State,
@@ -49,13 +51,14 @@ from .start import find_start
 from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours
 
-# Log-likelihood at the coarsest resolution, in units of what residuals are worth there (:attr:`State.unit`): another
-# start that is as near is followed as well; 400 to 1.
+# Log-likelihood at a resolution, in units of what residuals are worth there (:attr:`State.unit`): another search that
+# is as near is followed to the next one as well; 400 to 1.
 AS_NEAR = 6.0
 ELSEWHERE = 0.1  # in log u: starts that are closer are the same
-KICKS = tuple(np.geomspace(1.0, 12.0, 8))  # standard errors to where searches for other minima begin
+KICKS = tuple(np.geomspace(12.0, 1.0, 8))  # standard errors to where searches for other minima begin
+AT_ONCE = 2  # of these: not the number of cores, on which no result may depend
 # Times the stiffness of the fit: a ring that lasts k periods fits one off as well, at (1 -+ 1/k)^2; k is 3 to 6.
-STIFFNESSES = (0.5, 0.7, 1.4, 2.0)
+STIFFNESSES = (0.5, 2.0, 0.7, 1.4)
 UNTOLD_REST = 3.0  # standard deviations of the noise: from where samples tell that a body moves
 BARELY = 3e-5  # m/s or rad/s: three times the usual v_t, slip that mobilises all the friction of a law without memory
 LOUD = 20.0  # times the noise by differences: residuals over windows that are larger set the level
@@ -128,34 +131,48 @@ def minima_around(
 ) -> list[Solution]:
     """Minima around one that was found, lowest first: the first one is put together from each trial's best.
 
-    Searches begin a few and many standard errors away, in directions drawn at random from what the data leave open:
+    Searches begin many and a few standard errors away, in directions drawn at random from what the data leave open:
     when a body stops and breaks away differs there. A contact rings, which resolutions next to the sample do not blur:
     with a bristle, other stiffnesses are followed from the next one. And what begins at rest may slide either way at
-    once (:func:`beginnings`).
+    once (:func:`beginnings`). Each way begins with its farthest searches and ends where a pair of them comes back: from
+    nearer by, more would.
 
     Args:
         problem, evaluate: what is solved, and its cost.
         found: a minimum of it.
         others: where other searches for it ended, at whatever noise levels.
     """
-    (low, high), widths = problem.space.limits, problem.resolutions
+    limits, widths = problem.space.limits, problem.resolutions
     values, vectors = np.linalg.eigh(reduced(found.state)[0])
     errors = vectors / np.sqrt(np.maximum(values, 1.0))  # what is hardly told is moved by a factor e
     directions = np.random.default_rng(0).standard_normal((len(KICKS), len(values)))
-    steps = [(kick * errors @ z, widths[-1:]) for kick, z in zip(KICKS, directions, strict=True)]
+
+    def away(step: np.ndarray) -> State:
+        return replace(found.state, u=np.clip(found.state.u + step, *limits))
+
+    kicks = [away(kick * errors @ z) for kick, z in zip(KICKS, directions, strict=True)]
+    ways = [(kicks, widths[-1:])]
     for at in np.eye(len(values))[[plain_name(name) == "sigma_0" for name in problem.names]]:
-        steps += [(np.log(factor) * at, widths[-2:]) for factor in STIFFNESSES]
-    begun = [(replace(found.state, u=np.clip(found.state.u + step, low, high)), own) for step, own in steps]
-    begun += [(state, widths[-1:]) for state in beginnings(problem, found.state)]
+        ways.append(([away(np.log(factor) * at) for factor in STIFFNESSES], widths[-2:]))
+    ways += [([state], widths[-1:]) for state in beginnings(problem, found.state)]
 
-    def followed(k: int) -> Solution | None:
-        first, own = begun[k]
-        return coarse_to_fine(evaluate, first, (low, high), own)
+    def followed(begun: Sequence[tuple[State, list[float]]], known: list[State]) -> list[Solution | None]:
+        def follow(k: int) -> Solution | None:
+            return coarse_to_fine(evaluate, begun[k][0], limits, begun[k][1], known)
 
-    made = in_parallel(followed, [1.0] * len(begun), "minima around the fit")
-    ends = sorted([found, *(end for end in made if end is not None)], key=lambda end: end.state.cost)
-    offered = carried([*others, *(end.state for end in ends[1:])], ends[0].state.u, (low, high))
-    best = assembled(evaluate, ends[0], offered, (low, high))
+        return in_parallel(follow, [1.0] * len(begun), "minima around the fit")
+
+    ends = [found]
+    while ways:
+        begun = [(k, first, own) for k, (firsts, own) in enumerate(ways) for first in firsts[:AT_ONCE]]
+        made = followed([(first, own) for _, first, own in begun], [end.state for end in ends])
+        elsewhere = [(k, end) for (k, *_), end in zip(begun, made, strict=True) if end is None or end.reason != KNOWN]
+        ends += [end for _, end in elsewhere if end is not None]
+        left = {k for k, _ in elsewhere}
+        ways = [(firsts[AT_ONCE:], own) for k, (firsts, own) in enumerate(ways) if k in left and firsts[AT_ONCE:]]
+    ends.sort(key=lambda end: end.state.cost)
+    offered = carried([*others, *(end.state for end in ends[1:])], ends[0].state.u, limits)
+    best = assembled(evaluate, ends[0], offered, limits)
     return [best, *(end for end in ends if not same_minimum(best.state, end.state))]
 
 
@@ -181,30 +198,38 @@ def beginnings(problem: Problem, state: State) -> list[State]:
 
 
 def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, float]) -> list[Found]:
-    """Fits of the whole trials, best first: the starts at the coarsest resolution, and from the best of these down to
-    the sample. Another is followed, too, where it is about as good there but elsewhere. (What the windows cost ranks no
-    starts: their inputs are as measured, and a noisy push moves a stop.)
+    """Fits of the whole trials, best first: all starts at the coarsest resolution, and from one resolution to the next
+    the best of these. Another stays beside it as long as it is about as good but elsewhere. (What the windows cost
+    ranks no starts: their inputs are as measured, and a noisy push moves a stop.)
     """
     limits, widths = problem.space.limits, problem.resolutions
     distinct: list[State] = []
-    coarse: list[Found] = []
-    for start in counted(starts, "whole trials, coarsely"):
-        if any(_alike(start.state, other) for other in distinct):
-            continue
-        distinct.append(start.state)
-        begun = _begun(problem, start.state.u)
-        if begun is not None:
-            found = coarse_to_fine(problem.evaluator(begun[1], sigmas), begun[0], limits, widths[:1])
-            coarse += [] if found is None else [(found, begun[1])]
-    coarse.sort(key=lambda pair: pair[0].state.cost)
-    ends: list[Found] = []
-    for k, (first, models) in enumerate(counted(coarse, "whole trials, to the sample")):
-        lowest = coarse[0][0].state
-        if k and (first.state.cost > lowest.cost + AS_NEAR * lowest.unit or _alike(first.state, lowest)):
-            continue
-        found = coarse_to_fine(problem.evaluator(models, sigmas), first.state, limits, widths[1:]) or first
-        ends.append((found, models))
-    return sorted(ends, key=lambda end: end[0].state.cost)
+    for start in starts:
+        if not any(_alike(start.state, other) for other in distinct):
+            distinct.append(start.state)
+    begun = [pair for state in distinct if (pair := _begun(problem, state.u)) is not None]
+    ends = [(Solution(state, GIVEN), models) for state, models in begun]
+
+    def followed(ends: Sequence[Found], width: float) -> list[Found | None]:
+        def follow(k: int) -> Found | None:
+            (first, models), far = ends[k], width == widths[0]
+            found = coarse_to_fine(problem.evaluator(models, sigmas), first.state, limits, [width], far=far)
+            return None if found is None else (found, models)
+
+        return in_parallel(follow, [1.0] * len(ends), f"whole trials at {width:.2g} s" if width else "whole trials")
+
+    for width in widths:
+        made = followed(ends, width)
+        if lower := sorted(filter(None, made), key=lambda end: end[0].state.cost):
+            best = lower[0][0].state
+            ends = lower[:1]
+            for end in lower[1:]:
+                near = end[0].state.cost <= best.cost + AS_NEAR * best.unit
+                if not width or (near and not any(same_minimum(other.state, end[0].state) for other, _ in ends)):
+                    ends.append(end)
+        elif width == widths[0]:
+            return []
+    return ends
 
 
 def _alike(start: State, other: State) -> bool:

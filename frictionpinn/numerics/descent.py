@@ -27,7 +27,8 @@ SAME_MINIMUM = 0.2  # log-likelihood: a point that is as near to a minimum as th
 ROUGHLY: dict[str, Any] = {"iterations": 20, "decrease": 0.1}  # of a search at a coarse resolution
 CLOSELY: dict[str, Any] = {"iterations": 20, "decrease": 0.03}  # at the sample; noise levels are refined afterwards
 
-GIVEN, BUDGET = "as given", "budget"  # reasons of solutions that no descent ended: values to start from, a budget spent
+# Reasons of solutions that no descent ended: values to start from, a budget spent, a minimum that is known.
+GIVEN, BUDGET, KNOWN = "as given", "budget", "known"
 
 
 @dataclass(frozen=True)
@@ -206,6 +207,7 @@ def levenberg_marquardt(
     iterations: int = 60,
     decrease: float = 3e-3,
     damping: float = NEAR,
+    known: Sequence[State] = (),
 ) -> Solution:
     """Minimise the cost within bounds on the global unknowns.
 
@@ -221,16 +223,20 @@ def levenberg_marquardt(
         iterations, decrease: steps at most, and what is worth one.
         damping: of the first step. Without any it goes far, as a search for more than the nearest minimum should;
             little holds fast what differs little from all else (drag beside viscous friction).
+        known: minima, with derivatives: a search that the undamped model leads into one of them ends.
 
     Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05 (1999), for the damping.
     """
     state, growth, small = start, 2.0, 0
     trust = False  # the last step came out as predicted: the next is taken with derivatives at once
+    minima = [(best, reduced(best)[0]) for best in known]
     for _ in range(iterations):
         worth = decrease * state.unit
         full = _step(state, 0.0, limits)
         if full is not None and abs(full[2]) < worth:
             return Solution(state, "converged")
+        if full is not None and any(_near(best, S, state.u + full[0], state.cost - full[2]) for best, S in minima):
+            return Solution(state, KNOWN)
         rejected = 0
         while True:
             step, better = _step(state, damping, limits), None
@@ -242,7 +248,7 @@ def levenberg_marquardt(
             if step is not None and better is not None and gain > 0:
                 ratio = gain / max(step[2], 1e-300)
                 damping = max(damping * max(1 / 5, 1 - (2 * ratio - 1) ** 3), 1e-12)
-                growth, known = 2.0, trust
+                growth, curved = 2.0, trust
                 trust = TRUSTED[0] < ratio < TRUSTED[1]
                 break
             trust = False
@@ -251,7 +257,7 @@ def levenberg_marquardt(
             if damping > STUCK or rejected > MOST_REJECTED:
                 return Solution(state, "stuck")
         small = small + 1 if gain < SMALL * worth else 0
-        found = better if known else evaluate(better.u, better.locals, True, ran=better)
+        found = better if curved else evaluate(better.u, better.locals, True, ran=better)
         if found is None:
             return Solution(replace(better, pieces=state.pieces), "stuck")
         state = found
@@ -260,19 +266,32 @@ def levenberg_marquardt(
     return Solution(state, "too many iterations")
 
 
-def coarse_to_fine(evaluate: Evaluate, first: State, limits: Limits, widths: Sequence[float]) -> Solution | None:
+def coarse_to_fine(
+    evaluate: Evaluate,
+    first: State,
+    limits: Limits,
+    widths: Sequence[float],
+    known: Sequence[State] = (),
+    far: bool = True,
+) -> Solution | None:
     """Follow the minimum from the unknowns ``first`` at a coarse resolution in time to a finer one.
 
     Each of ``widths``, s, the coarsest first, starts where the one before ended. Returns the minimum at the last; None
     where the model cannot be simulated there.
+
+    Args:
+        evaluate, first, limits: what is minimised, from where, and within which bounds.
+        widths: resolutions in time.
+        known: minima at the sample, see :func:`levenberg_marquardt`.
+        far: whether the first search may leave its minimum.
     """
     found: Solution | None = None
     state = first
     for width in widths:
         at = partial(evaluate, width=width)
         begun = at(state.u, state.locals, True)
-        how = {"damping": NEAR if found else 0.0} | (ROUGHLY if width else CLOSELY)
-        found = None if begun is None else levenberg_marquardt(at, begun, limits, **how)
+        damping, how = 0.0 if far and found is None else NEAR, ROUGHLY if width else CLOSELY | {"known": known}
+        found = None if begun is None else levenberg_marquardt(at, begun, limits, damping=damping, **how)
         state = state if found is None else found.state
     return found
 
@@ -314,6 +333,10 @@ def assembled(evaluate: Evaluate, found: Solution, offered: Iterable[Sequence[np
 
 def same_minimum(best: State, state: State) -> bool:
     """Whether a state lies in the minimum of ``best``: as near as a fraction of its errors, and about as low."""
-    d = state.u - best.u
-    near = 0.5 * d @ reduced(best)[0] @ d < SAME_MINIMUM
-    return bool(near and abs(state.cost - best.cost) < SAME_MINIMUM)
+    return _near(best, reduced(best)[0], state.u, state.cost)
+
+
+def _near(best: State, S: np.ndarray, u: np.ndarray, cost: float) -> bool:
+    """The same of global unknowns and their cost, ``S`` the information at the minimum."""
+    d = u - best.u
+    return bool(0.5 * d @ S @ d < SAME_MINIMUM and abs(cost - best.cost) < SAME_MINIMUM)

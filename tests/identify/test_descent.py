@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,7 +16,9 @@ from frictionpinn.identify.bound import bound_of
 from frictionpinn.identify.build import beside_jumps
 from frictionpinn.identify.likelihood import beginnings
 from frictionpinn.identify.profile import profiled
+from frictionpinn.numerics import parallel
 from frictionpinn.numerics.descent import (
+    KNOWN,
     NEAR,
     Piece,
     Solution,
@@ -120,6 +124,38 @@ def test_a_fit_is_not_behind_one_that_starts_at_the_truth(drive):
     assert estimate.cost < reference.state.cost + 2
     for name, (low, high) in estimate.ci95.items():
         assert low / 1.1 < TRUTH[name] < high * 1.1
+
+
+@pytest.mark.parametrize("workers", [2, 8])
+def test_a_fit_is_the_same_whatever_the_number_of_threads(drive, monkeypatch, workers):
+    mechanism, _, recording = drive
+
+    def fitted(count):
+        monkeypatch.setattr(parallel, "WORKERS", count)
+        with ThreadPoolExecutor(max(1, count - 1)) as pool:
+            monkeypatch.setattr(parallel, "_POOL", pool)
+            return maximum_likelihood(Problem(mechanism, recording))
+
+    one, many = fitted(1), fitted(workers)
+    assert one.values == many.values and one.cost == many.cost
+    np.testing.assert_array_equal(one.covariance, many.covariance)
+
+
+def test_a_search_ends_where_it_comes_back_to_a_known_minimum_and_goes_on_where_another_is_lower():
+    def evaluate(u, locals_, derivatives, **_):
+        """Two wells, at 0 and at 5, the second one lower by 1."""
+        x, bottom = (float(u[0]), 0.0) if u[0] < 2.5 else (float(u[0]) - 5.0, -1.0)
+        r, slope = x + 0.05 * x**3, 1 + 0.15 * x**2
+        piece = Piece(bottom + 50 * r**2, {}, np.array([[100 * slope**2]]), np.zeros((1, 0)), np.zeros((0, 0)),
+                      np.array([100 * slope * r]))  # fmt: skip
+        return State(np.asarray(u, float), tuple(locals_), (piece,))
+
+    limits = (np.array([-10.0]), np.array([10.0]))
+    left = levenberg_marquardt(evaluate, evaluate(np.array([1.0]), [np.zeros(0)], True), limits).state
+    for at, reason, minimum in ((-1.5, KNOWN, 0.0), (6.0, "converged", 5.0)):
+        found = levenberg_marquardt(evaluate, evaluate(np.array([at]), [np.zeros(0)], True), limits, known=[left])
+        assert found.reason == reason
+        assert reason == KNOWN or found.state.u[0] == pytest.approx(minimum, abs=1e-2)
 
 
 def test_the_bound_leaves_the_problem_as_it_was_and_counts_no_prior(drive):
