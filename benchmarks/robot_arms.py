@@ -4,11 +4,12 @@
     turn, and noise of as much), tau = u (1 + gain) + coupling + 2 % of white noise.
 
 The log shows the motor's side of a gear; the controller sees an encoder at the link alone: computed torque with masses
-10 % off, and stiff feedback on position and rate.
+10 % off, and feedback on position and rate, 6 Hz, through the mass matrix along the motion that is asked for.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,6 +21,8 @@ from frictionpinn.physics.robot import Robot
 STEP, EVERY = 5e-4, 2
 ENCODER = 2 * np.pi / 2**19
 NOISE = 0.02
+REACH = 2.2  # rad, that joints turn from their middle at most
+RIPPLES = 9  # of a turn
 
 
 def seven(path: Path) -> Path:
@@ -67,6 +70,34 @@ class Arm:
             values[k] = value
         return values
 
+    def friction(self) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
+        """Of load, q, v and t the dry friction g(v) that bristles carry in steady sliding, and what acts beside it."""
+        load_k, direction, asymmetry = (self.effect(e) for e in ("load_friction", "load_direction", "asymmetry"))
+        offset, ripple, drag = (self.effect(e) for e in ("constant_force", "ripple", "shear_thinning"))
+        drift, position = self.effect("drift"), self.effect("position_friction")
+
+        def of(load, q, v, t):
+            more = (load_k * np.abs(load) + direction * load * np.sign(v)) / self.mu_c
+            N = (1 + asymmetry * np.sign(v)) * (1 + drift * t) * (1 + position * q) + more
+            g = N * (self.mu_c + (self.mu_s - self.mu_c) * np.exp(-((v / self.v_s) ** 2)))
+            return g, self.sigma_2 * v / (1 + drag * np.abs(v)) + offset + ripple * np.sin(RIPPLES * q)
+
+        return of
+
+    def gravity(self) -> np.ndarray:
+        """Of the leaning base, m/s^2, shape (3,)."""
+        upright = np.array(self.robot.model.gravity.linear)
+        return upright + float(np.linalg.norm(upright)) * np.array([*self.tilt, 0.0])
+
+    def channels(self, clock: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        """What is recorded of the motors' torques, but for noise, shape (n, joints)."""
+        shown = torque * (1 + self.effect("gain_error"))
+        for k, value in self.effects.get("coupling", {}).items():
+            shown[:, k] += value * torque[:, k - 1 if k else 1]
+        for k, late in self.effects.get("delay", {}).items():
+            shown[:, k] = np.interp(clock - late, clock, shown[:, k])
+        return shown
+
 
 def draw(robot: Robot, rng: np.random.Generator, effort: np.ndarray) -> Arm:
     """An arm whose friction is some per cent of what its joints carry."""
@@ -80,9 +111,10 @@ def draw(robot: Robot, rng: np.random.Generator, effort: np.ndarray) -> Arm:
 
 
 def reference(
-    rng: np.random.Generator, n: int, duration: float
+    rng: np.random.Generator, n: int, duration: float, speeds: tuple[float, float] | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Fourier series of each joint, started from rest; t, q, v, a."""
+    """Fourier series of each joint; t, q, v, a. With ``speeds`` its fastest is drawn between them, rad/s, as far as it
+    stays within ``REACH`` of its middle."""
     t = np.arange(int(duration / STEP)) * STEP
     q, v, a = np.zeros((3, len(t), n))
     for k in range(n):
@@ -92,27 +124,34 @@ def reference(
             q[:, k] += size * np.sin(w * t + phase)
             v[:, k] += size * w * np.cos(w * t + phase)
             a[:, k] -= size * w**2 * np.sin(w * t + phase)
+        if speeds is not None:
+            factor = min(rng.uniform(*speeds) / np.abs(v[:, k]).max(), REACH / np.abs(q[:, k]).max())
+            for x in (q, v, a):
+                x[:, k] *= factor
         q[:, k] += middle
     return t, q, v, a
 
 
-def simulate(arm: Arm, rng: np.random.Generator, duration: float, name: str = "run") -> Trial:
+def simulate(
+    arm: Arm,
+    rng: np.random.Generator,
+    duration: float,
+    name: str = "run",
+    speeds: tuple[float, float] | None = None,
+) -> Trial:
     """One recording of the arm."""
     import pinocchio as pin
 
     robot, n = arm.robot, len(arm.mu_c)
     model, data = robot.model, robot.model.createData()
-    size = float(np.linalg.norm(model.gravity.linear))
-    t, qr, vr, ar = reference(rng, n, duration)
+    t, qr, vr, ar = reference(rng, n, duration, speeds)
     nominal = 0.9 * robot.inverse_dynamics(qr[::EVERY], vr[::EVERY], ar[::EVERY])
     upright = model.gravity.linear.copy()
-    model.gravity.linear = upright + size * np.array([*arm.tilt, 0.0])
+    model.gravity.linear = arm.gravity()
     model.armature = arm.armature
-    kp, inertia = (2 * np.pi * 6) ** 2, arm.armature + np.abs(np.diag(pin.crba(model, data, qr[0])))
+    kp = (2 * np.pi * 6) ** 2
     kd = 2 * 0.8 * np.sqrt(kp)
-    load_k, direction, asymmetry = (arm.effect(e) for e in ("load_friction", "load_direction", "asymmetry"))
-    offset = arm.effect("constant_force")
-    drag, ripple, drift, position = (arm.effect(e) for e in ("shear_thinning", "ripple", "drift", "position_friction"))
+    friction = arm.friction()
     compliance = arm.effect("compliance")
     q, v, z = qr[0].copy(), vr[0].copy(), np.zeros(n)
     a, command = np.zeros(n), nominal[0].copy()
@@ -124,22 +163,15 @@ def simulate(arm: Arm, rng: np.random.Generator, duration: float, name: str = "r
             noisy = np.round(q / ENCODER + rng.standard_normal(n)) * ENCODER
             rate += 0.2 * ((noisy - seen) / (EVERY * STEP) - rate)
             seen = noisy
-            command = nominal[i // EVERY] + inertia * (kp * (qr[i] - seen) + kd * (vr[i] - rate))
+            M = np.triu(pin.crba(model, data, qr[i]))  # armatures included
+            asked = kp * (qr[i] - seen) + kd * (vr[i] - rate)
+            command = nominal[i // EVERY] + M @ asked + np.triu(M, 1).T @ asked
             shown[i // EVERY], torque[i // EVERY] = noisy + np.round(twist / ENCODER) * ENCODER, command
         load = pin.rnea(model, data, q, v, a) - arm.armature * a
         twist = compliance * load
-        more = (load_k * np.abs(load) + direction * load * np.sign(v)) / arm.mu_c
-        N = (1 + asymmetry * np.sign(v)) * (1 + drift * t[i]) * (1 + position * q) + more
-        g = N * (arm.mu_c + (arm.mu_s - arm.mu_c) * np.exp(-((v / arm.v_s) ** 2)))
+        g, beside = friction(load, q, v, t[i])
         slope = arm.sigma_0 * np.abs(v) / g
-        zdot = v - slope * z
-        F = (
-            arm.sigma_0 * z
-            + arm.sigma_1 * zdot
-            + arm.sigma_2 * v / (1 + drag * np.abs(v))
-            + offset
-            + ripple * np.sin(9 * q)
-        )
+        F = arm.sigma_0 * z + arm.sigma_1 * (v - slope * z) + beside
         a = pin.aba(model, data, q, v, command - F)
         v = v + STEP * a
         q = q + STEP * v
@@ -147,19 +179,16 @@ def simulate(arm: Arm, rng: np.random.Generator, duration: float, name: str = "r
         steady = v / np.maximum(slope, 1e-12)
         z = np.where(slope * STEP > 1e-9, steady + (z - steady) * np.exp(-slope * STEP), z + STEP * v)
     model.gravity.linear, model.armature = upright, np.zeros(n)
-    channels = torque * (1 + arm.effect("gain_error"))
-    for k, value in arm.effects.get("coupling", {}).items():
-        channels[:, k] += value * torque[:, k - 1 if k else 1]
-    for k, late in arm.effects.get("delay", {}).items():
-        clock = t[::EVERY]
-        channels[:, k] = np.interp(clock - late, clock, channels[:, k])
+    channels = arm.channels(t[::EVERY], torque)
     channels += NOISE * np.sqrt(np.mean(channels**2, axis=0)) * rng.standard_normal(channels.shape)
     signals = {f"q_{k + 1}": shown[:, k] for k in range(n)} | {f"tau_{k + 1}": channels[:, k] for k in range(n)}
     return Trial(name, t[::EVERY], signals, start=0.0)
 
 
-def recorded(arm: Arm, rng: np.random.Generator, durations: tuple[float, ...]) -> Recording:
+def recorded(
+    arm: Arm, rng: np.random.Generator, durations: tuple[float, ...], speeds: tuple[float, float] | None = None
+) -> Recording:
     """Several recordings of one arm."""
-    trials = tuple(simulate(arm, rng, d, f"run_{k + 1}") for k, d in enumerate(durations))
+    trials = tuple(simulate(arm, rng, d, f"run_{k + 1}", speeds) for k, d in enumerate(durations))
     units = {name: "rad" if name.startswith("q") else "N*m" for name in trials[0].signals}
     return Recording(trials, units, "simulated arm")

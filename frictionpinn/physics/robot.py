@@ -93,7 +93,8 @@ class Robot:
         locked = dict(locked or {})
         for name in (*locked, *(joints or ())):
             if name not in known:
-                raise UserError("unknown joint", where="robot.joints", received=repr(name), allowed=", ".join(known),
+                where = "robot.locked" if name in locked else "robot.joints"
+                raise UserError("unknown joint", where=where, received=repr(name), allowed=", ".join(known),
                                 fix=nearest(name, known) or "use a joint of the file that is not fixed")  # fmt: skip
         if both := set(locked) & set(joints or ()):
             raise UserError("joint both recorded and locked", where="robot.locked", received=", ".join(sorted(both)),
@@ -101,6 +102,9 @@ class Robot:
         wanted = [n for n in (joints or known) if n not in locked]
         reference = pin.neutral(model)
         for name, position in locked.items():
+            if isinstance(position, bool) or not isinstance(position, int | float):
+                raise UserError("not a number", where=f"robot.locked.{name}", received=repr(position),
+                                allowed="where the joint stays, rad or m")  # fmt: skip
             own = model.joints[model.getJointId(name)]
             if own.nv != 1:
                 raise UserError("joint that a number does not place", where=f"robot.locked.{name}", received=position,

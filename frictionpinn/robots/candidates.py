@@ -201,7 +201,7 @@ def on_robot(model: Model, names: Sequence[str], suspected: tuple[str, ...] | No
     if "payload" in names:
         made.append(Term("payload", whole=Payload(suspected)))
     if "base_tilt" in names:
-        made.append(Term("base_tilt", whole=BaseTilt()))
+        made.append(Term("base_tilt", whole=BaseTilt(model.robot, model.base)))
     present = {p for w in model.whole for p in w.parameters}
     return [t for t in made if t.whole is not None and not present & set(t.whole.parameters)]
 

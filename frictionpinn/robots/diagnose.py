@@ -26,9 +26,9 @@ import numpy as np
 from ..diagnose.verdict import FOUND, NOTHING, PARTLY, UNEXPLAINED
 from .balance import Model, Solution, solve
 from .candidates import AT_JOINTS, ON_ROBOT, Term, at_joint, on_robot, remainders
-from .identify import identify, relative_errors
+from .identify import begun_anew, identify, relative_errors
 from .motion import Prepared
-from .score import Scored, Scorer
+from .score import Confirmed, Scored, Scorer
 
 SURE = 2.0  # standard errors by which a cross-validated gain is one
 MOST_RIVALS = 3  # that are refitted beside the best: what is scored is linear, what is added is not
@@ -66,8 +66,7 @@ class Tried:
         scored: what it would do.
         size: see ``Settings.worth``; the largest of the joints that it changes.
         rows: samples of a joint.
-        gain: cross-validated gain of log-likelihood, ``error`` its standard error, ``share`` of the squares at its
-            joints; None where it was not asked.
+        confirmed: by cross-validation; None where it was not asked.
     """
 
     term: Term
@@ -76,9 +75,7 @@ class Tried:
     size: float
     rows: int
     at: tuple[int, ...]
-    gain: float | None = None
-    error: float = 0.0
-    share: float = 0.0
+    confirmed: Confirmed | None = None
 
     @property
     def price(self) -> float:
@@ -179,7 +176,7 @@ def diagnose(
         grown = solution.model
         for a in kept:
             grown = a.term.added(grown, a.tried.hidden, a.tried.scored.step)
-        refit = solve(grown.held_near(), fitted, solution.sigmas)
+        refit = begun_anew(solve(grown.held_near(), fitted, solution.sigmas))
         if not refit.cost < solution.cost:
             break
         solution, accepted = refit, [*accepted, *kept]
@@ -245,8 +242,7 @@ def score_all(
                 "this motion does not tell it beside what is estimated already, or its sign is impossible"
             )
         elif best.net > 0 and best.scored.log_p + np.log10(number) < settings.log_p:
-            gain, error, share = scorer.confirmed(*kept)
-            best = replace(best, gain=gain, error=error, share=share)
+            best = replace(best, confirmed=scorer.confirmed(*kept))
         found.append(best)
     return found, count
 
@@ -274,8 +270,8 @@ def _best(
             refused[t.term.name] = f"not significant: chance 1e{min(log_p, 0.0):.1f} over all that was tried"
         elif t.size < settings.worth:
             refused[t.term.name] = f"significant, but {100 * t.size:.2g} % of the joint's friction"
-        elif t.gain is None or t.gain < max(SURE * t.error, t.price):
-            gain = "nothing" if t.gain is None else f"{t.gain:.3g} +- {t.error:.2g}"
+        elif t.confirmed is None or t.confirmed.gain < t.price or not t.confirmed.sure(SURE):
+            gain = "nothing" if t.confirmed is None else f"{t.confirmed.gain:.3g} +- {t.confirmed.error:.2g}"
             refused[t.term.name] = f"not confirmed on stretches that its fit did not see: gain {gain}"
         else:
             good.append(t)
@@ -361,7 +357,6 @@ def _left(solution: Solution, settings: Settings) -> tuple[dict[str, Rest], dict
         size = float(scored.size[k] / level[k])
         names = tuple(dict.fromkeys(f[1] for f in significant if f[0].gain > SIMILAR * scored.gain))
         rest = Rest(names, kind, scored.log_p + float(np.log10(tests)), size, x, shape(x) @ scored.step)
-        gains = [scorer.confirmed(f[3], (k,))[:2] for f in significant[:3]]
-        confirmed = any(gain > error for gain, error in gains)
+        confirmed = any(c.gain > c.error for c in (scorer.confirmed(f[3], (k,)) for f in significant[:3]))
         (matters if confirmed and size >= settings.worth else trifles)[joint] = rest
     return matters, trifles

@@ -32,6 +32,9 @@ STATIC = 1.2  # static over Coulomb friction at first
 COUPLED = 1e-6  # of its length: an armature's column that others explain up to that is none of its own
 
 
+LINEAR = ("coulomb", "coulomb_viscous", "none")  # laws whose search needs no start
+
+
 def joint_effect(name: str) -> Effect:
     """An effect at a joint, by name."""
     return choose(name, {**EFFECTS, **JOINT_EFFECTS}, "effects")()
@@ -140,15 +143,29 @@ def identify(model: Model, trials: Sequence[Prepared]) -> Solution:
     trials = list(trials)
     model = _with_lag(model, trials)
     plain = LAWS["coulomb_viscous"]()
-    linear = [k for k, law in enumerate(model.laws) if law.name not in ("coulomb", "coulomb_viscous", "none")]
+    linear = [k for k, law in enumerate(model.laws) if law.name not in LINEAR]
     if linear:
         first = solve(_with_law(model, plain, linear), trials)
         found = first.model.values
         values = dict(model.values) | {n: found[n] for n in model.free if n in found}
         model = replace(model, values=values)
         for k in linear:
-            model = _best_start(model, k, trials, first)
+            model = _best_start(model, k, trials, first)[0]
     return solve(model.held_near(), trials)
+
+
+def begun_anew(solution: Solution) -> Solution:
+    """A fit whose search begins anew at joints where a start explains more than the fit does, all else as it is: what a
+    term explained when it came had drawn the laws of its joints after it."""
+    model, trials = solution.model, list(solution.trials)
+    for k, law in enumerate(model.laws):
+        if law.name not in LINEAR:
+            started, better = _best_start(model, k, trials, solution)
+            model = started if better else model
+    if model is solution.model:
+        return solution
+    again = solve(model, trials, solution.sigmas)
+    return again if again.cost < solution.cost else solution
 
 
 def _with_lag(model: Model, trials: Sequence[Prepared]) -> Model:
@@ -180,8 +197,9 @@ def _with_law(model: Model, law: FrictionLaw, joints: Sequence[int]) -> Model:
     return replace(other, values=values, free=tuple(free))
 
 
-def _best_start(model: Model, k: int, trials: Sequence[Prepared], first: Solution) -> Model:
-    """The model with a joint's Stribeck velocity and bristle where its own residual is least, all else linear."""
+def _best_start(model: Model, k: int, trials: Sequence[Prepared], first: Solution) -> tuple[Model, bool]:
+    """The model with a joint's Stribeck velocity and bristle where its own residual is least, all else linear; and
+    whether that is less than with the values that it has."""
     table = model.parameters(k)
     plain = {par.name: full for full, par in table.items()}
     fastest = max(float(np.abs(trial.v[:, k]).max()) for trial in trials)
@@ -191,12 +209,24 @@ def _best_start(model: Model, k: int, trials: Sequence[Prepared], first: Solutio
     dithers = [s * fastest for s in SEEN] if DITHER in plain and plain[DITHER] in model.free else [None]
     friction = friction_of(model.laws[k], model.effects[k], bool(model.robot.turns[k]))
     linear = [n for n in ("mu_c", "sigma_2") if n in plain and plain[n] in model.free]
-    loads = [first.model.loads(trial) for trial in trials]
-    rest = []  # what the friction of this joint must explain: measured torque less bodies
-    for trial, load in zip(trials, loads, strict=True):
+    parts = []  # what the joint's friction sees, and what it must explain: measured torque less bodies
+    for trial in trials:
+        load = first.model.loads(trial)
         bodies = load[:, k] + first.model.values[f"armature.{model.names[k]}"] * trial.a[:, k]
-        rest.append(trial.tau[:, k] - trial.filtered(bodies))
-    best: tuple[float, dict[str, float]] = (np.inf, {})
+        parts.append((trial, model.motion(trial, k, load), trial.tau[:, k] - trial.filtered(bodies)))
+
+    def left(values: Mapping[str, float]) -> float:
+        squares = 0.0
+        for trial, motion, wanted in parts:
+            own = model.own_values(k, values)
+            F = trial.filtered(friction.force(motion, own))
+            columns = trial.filtered(friction.columns(motion, own, linear)) if linear else np.zeros((len(F), 0))
+            columns = np.column_stack([columns, np.ones(len(F))])
+            rest = wanted - F - columns @ np.linalg.lstsq(columns, wanted - F, rcond=None)[0]
+            squares += float(rest @ rest)
+        return squares
+
+    starts = []
     for speed, length, dither in product(speeds, lengths, dithers):
         values = dict(model.values) | {plain["mu_c"]: level}
         if "mu_s" in plain and plain["mu_s"] in model.free:
@@ -209,17 +239,10 @@ def _best_start(model: Model, k: int, trials: Sequence[Prepared], first: Solutio
             values[plain["sigma_0"]] = level / length
             if "sigma_1" in plain and plain["sigma_1"] in model.free:
                 values[plain["sigma_1"]] = 0.1 * level / max(fastest, 1e-9)
-        squares = 0.0
-        for trial, load, wanted in zip(trials, loads, rest, strict=True):
-            motion, own = model.motion(trial, k, load), model.own_values(k, values)
-            F = trial.filtered(friction.force(motion, own))
-            columns = trial.filtered(friction.columns(motion, own, linear)) if linear else np.zeros((len(F), 0))
-            columns = np.column_stack([columns, np.ones(len(F))])
-            left = wanted - F - columns @ np.linalg.lstsq(columns, wanted - F, rcond=None)[0]
-            squares += float(left @ left)
-        if squares < best[0]:
-            best = squares, values
-    return replace(model, values=best[1])
+        starts.append(values)
+    squares = [left(values) for values in starts]
+    best = int(np.argmin(squares))
+    return replace(model, values=starts[best]), squares[best] < left(model.values)
 
 
 def relative_errors(model: Model, trials: Sequence[Prepared]) -> dict[str, np.ndarray]:

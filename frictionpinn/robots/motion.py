@@ -70,7 +70,11 @@ class Prepared:
 
     def filtered(self, values: np.ndarray) -> np.ndarray:
         """Values at the working rate, shape (n, ...), as torques are compared, shape (m, ...)."""
-        return _lowpass(values, 1 / (self.t[1] - self.t[0]), self.cutoff_hz)[self.keep]
+        return self.filtered_at(self.cutoff_hz, values)[self.keep]
+
+    def filtered_at(self, cutoff_hz: float, values: np.ndarray) -> np.ndarray:
+        """Values at the working rate, shape (n, ...), behind another low-pass."""
+        return _lowpass(values, 1 / (self.t[1] - self.t[0]), cutoff_hz)
 
     @cached_property
     def Y_filtered(self) -> np.ndarray:

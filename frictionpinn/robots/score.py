@@ -12,7 +12,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import f
+from scipy.stats import f, norm, wilcoxon
 
 from ..diagnose.score import NOTHING, TINY, inverse_root
 from .balance import Solution, blocks_of
@@ -36,6 +36,27 @@ class Scored:
     log_p: float
     gain: float
     size: np.ndarray
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """What a term takes off stretches of time that its fit did not see.
+
+    Attributes:
+        gain: log-likelihood, ``error`` its standard error over the stretches.
+        chance: of gains as even in sign without the term (signed ranks: Wilcoxon): one stretch that gains much more
+            than others speaks against no term, though it widens the standard error.
+        share: of the squares at its joints.
+    """
+
+    gain: float
+    error: float
+    chance: float
+    share: float
+
+    def sure(self, errors: float) -> bool:
+        """Whether it is above zero by so many standard errors, or by signed ranks as surely."""
+        return self.gain > errors * self.error or (self.gain > 0 and self.chance < float(norm.sf(errors)))
 
 
 class Scorer:
@@ -127,12 +148,8 @@ class Scorer:
         ratio = float(np.sum((spread.T @ step) ** 2)) * (count - s) / (s * (count - 1))
         return float(f.logsf(ratio, s, count - s) / np.log(10))
 
-    def confirmed(self, columns: Sequence[np.ndarray], at: Sequence[int]) -> tuple[float, float, float]:
-        """Cross-validation: half the squared residuals that a term takes off stretches that its fit did not see.
-
-        Returns:
-            The gain, its standard error over the stretches, and its share of the squares at the joints ``at``.
-        """
+    def confirmed(self, columns: Sequence[np.ndarray], at: Sequence[int]) -> Confirmed:
+        """Cross-validation: half the squared residuals that a term takes off stretches that its fit did not see."""
         S = self._rows(columns, at)
         base, gains, whole = self._base, [], 0.0
         count = base[0][0].shape[0]
@@ -159,8 +176,7 @@ class Scorer:
             after = own_rr + 2 * more @ np.concatenate([own_b, sr]) + more @ inner @ more
             gains.append(0.5 * float(before - after))
             whole += 0.5 * sum(float(self.r[k][rows] @ self.r[k][rows]) for k in at)
-        values = np.array(gains)
-        return float(values.sum()), float(np.sqrt(len(values)) * values.std(ddof=1)), float(values.sum() / whole)
+        return Confirmed(*certainty(np.array(gains)), float(np.sum(gains) / whole))
 
     @cached_property
     def _base(self) -> list[tuple[np.ndarray, np.ndarray, float]]:
@@ -173,6 +189,12 @@ class Scorer:
             )
             for rows in self.folds
         ]
+
+
+def certainty(gains: np.ndarray) -> tuple[float, float, float]:
+    """Sum of the stretches' gains, its standard error, and its chance by signed ranks."""
+    chance = float(wilcoxon(gains, alternative="greater").pvalue) if np.any(gains) else 1.0
+    return float(gains.sum()), float(np.sqrt(len(gains)) * gains.std(ddof=1)), chance
 
 
 def _folds(times: Sequence[np.ndarray]) -> list[slice]:

@@ -10,12 +10,17 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.linalg import qr
+
+from ..physics.robot import TOLD, Base, Robot
+from .motion import PER_PERIOD, Prepared
 
 if TYPE_CHECKING:
     from .balance import Model
-    from .motion import Prepared
 
 G = 9.81
+WIDER = 2.0  # cutoffs that a wider low-pass passes: of what is above, the narrow one leaves less than 0.4 %
 LAG = "lag"  # of a log, in every model
 
 
@@ -127,6 +132,8 @@ class Coupling(Whole):
 class Delay(Whole):
     """One joint's torque is recorded later than its motion: the channel shows the torque of ``delay`` before.
 
+    Never earlier: no channel shows a torque before it acts, and rows that are less than a sample apart have a lag.
+
     Units: s. Neutral: 0. Occurs: with filtered currents, clocks that differ. Experiment: fast reversals.
     """
 
@@ -136,6 +143,9 @@ class Delay(Whole):
         super().__init__()
         self.name, self.joint, self.key = f"delay@{joint}", joint_of(joint), f"{joint}.delay"
         self.parameters = {self.key: "s"}
+
+    def possible(self, step):
+        return step[0] > 0
 
     def shown(self, model, trial, torque):
         late = model.values.get(self.key, 0.0)
@@ -195,22 +205,28 @@ class Compliance(Whole):
         return step[0] > 0
 
     def _direction(self, model: Model, trial: Prepared) -> np.ndarray:
-        """d load / d compliance: the inverse dynamics along the twist, shape (n, joints)."""
-        load = (trial.Y @ model.beta)[:, self.joint]
+        """d load / d compliance: the inverse dynamics along the twist, shape (n, joints).
+
+        At the samples that its low-pass asks for, and by a spline between them: robots are slow to compute. The second
+        rate of a load holds nothing but noise far above that low-pass, so all pass one of ``WIDER`` its cutoff before.
+        """
+        motion = [trial.filtered_at(WIDER * trial.cutoff_hz, x) for x in (trial.q, trial.v, trial.a)]
+        load = trial.filtered_at(WIDER * trial.cutoff_hz, (trial.Y @ model.beta)[:, self.joint])
         smooth = _smooth(trial, load)
-        twist = [np.zeros_like(trial.q) for _ in range(3)]
+        step = max(int(1 / (PER_PERIOD * trial.cutoff_hz * (trial.t[1] - trial.t[0]))), 1)
+        at = np.union1d(np.arange(0, len(trial.t), step), [len(trial.t) - 1])
+        motion = [x[at] for x in motion]
+        twist = [np.zeros_like(motion[0]) for _ in range(3)]
         for k, x in enumerate(twist):
-            x[:, self.joint] = -smooth[k]
+            x[:, self.joint] = -smooth[k][at]
         size = 1e-6 / max(float(np.abs(smooth[2]).max()), 1e-12)
         sides = [
             model.base.reduced(
-                model.robot.regressor(
-                    *(x + sign * size * d for x, d in zip((trial.q, trial.v, trial.a), twist, strict=True))
-                )
+                model.robot.regressor(*(x + sign * size * d for x, d in zip(motion, twist, strict=True)))
             )
             for sign in (1, -1)
         ]
-        return ((sides[0] - sides[1]) @ model.beta) / (2 * size)
+        return make_interp_spline(trial.t[at], ((sides[0] - sides[1]) @ model.beta) / (2 * size))(trial.t)
 
     def load(self, model, trial):
         strength = model.values.get(self.key, 0.0)
@@ -254,33 +270,61 @@ class Payload(Whole):
 class BaseTilt(Whole):
     """The base does not stand level: gravity leans by small angles towards its x and y.
 
-    Units: rad. Neutral: 0. Occurs: with tables, rails and vehicles that are not level. Experiment: a spirit level.
+    What an upright robot's base parameters leave out, as the first moments of a body that turns about the vertical,
+    acts on one that leans: ``base.tilt_NAME`` is such a parameter times the angle.
+
+    Units: rad, and rad kg m. Neutral: 0. Occurs: with tables, rails and vehicles that are not level. Experiment: a
+    spirit level.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, robot: Robot, base: Base) -> None:
         super().__init__()
         self.name = "base_tilt"
         self.parameters = {"base.tilt_x": "rad", "base.tilt_y": "rad"}
+        self.hidden = _brought_to_light(robot, base)
+        self.parameters |= {f"base.tilt_{robot.inertial_names[column]}": "rad*kg*m" for column in self.hidden}
 
-    def _direction(self, model: Model, trial: Prepared, axis: int) -> np.ndarray:
-        lean = np.zeros(3)
-        lean[axis] = float(np.linalg.norm(model.robot.model.gravity.linear)) or G
-        return model.base.reduced(model.robot.gravity_regressor(trial.q, lean)) @ model.beta
+    def _direction(self, model: Model, trial: Prepared, place: int) -> np.ndarray:
+        """Torque by the parameter of this place, shape (n, joints)."""
+        leaning = _leaning(model.robot, trial.q, place if place < 2 else 0)
+        if place < 2:
+            return model.base.reduced(leaning) @ model.beta
+        return _beside(model.base, leaning)[:, :, list(model.base.others).index(self.hidden[place - 2])]
 
     def load(self, model, trial):
         total = np.zeros_like(trial.q)
-        for axis, name in enumerate(self.parameters):
+        for place, name in enumerate(self.parameters):
             if value := model.values.get(name, 0.0):
-                total = total + value * self._direction(model, trial, axis)
+                total = total + value * self._direction(model, trial, place)
         return total
 
     def column(self, model, trial, name, along):
         return along * self._direction(model, trial, list(self.parameters).index(name))
 
 
+def _leaning(robot: Robot, q: np.ndarray, axis: int) -> np.ndarray:
+    """Torque by the inertial parameters and by an angle of gravity towards x or y, shape (n, joints, 10 bodies)."""
+    lean = np.zeros(3)
+    lean[axis] = float(np.linalg.norm(robot.model.gravity.linear)) or G
+    return robot.gravity_regressor(q, lean)
+
+
+def _beside(base: Base, regressor: np.ndarray) -> np.ndarray:
+    """Columns of the parameters that are in no base, the base parameters held, shape (n, joints, others)."""
+    return regressor[..., base.others] - regressor[..., base.columns] @ base.mixing
+
+
+def _brought_to_light(robot: Robot, base: Base) -> tuple[int, ...]:
+    """Inertial parameters in no base that act where gravity leans, one for each function of the positions."""
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (10 * len(base.others), len(robot.joints)))
+    columns = _beside(base, _leaning(robot, q, 0)).reshape(-1, len(base.others))
+    R, order = qr(columns, mode="r", pivoting=True)
+    sizes = np.abs(np.diag(R))
+    rank = int(np.count_nonzero(sizes > TOLD * np.abs(columns).max() * len(columns) ** 0.5)) if columns.any() else 0
+    return tuple(int(base.others[k]) for k in order[:rank])
+
+
 def _smooth(trial: Prepared, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A torque, its rate and its second rate, shape (n,), by a quintic spline."""
-    from scipy.interpolate import make_interp_spline
-
     spline = make_interp_spline(trial.t, values, k=5)
     return spline(trial.t), spline(trial.t, 1), spline(trial.t, 2)

@@ -1,4 +1,4 @@
-"""Options of a friction law for one of several contacts, as the command line has them and as Hydra reads them."""
+"""Options whose keys the user names, a contact, a joint or a column, as typed and as Hydra reads them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,16 @@ from ..physics.friction import CONTACT_LAWS
 
 KEYS = ("name", "start", "bounds", "fixed", "tie_sigma1", "contacts")  # of conf/friction
 _LAW = re.compile(r"friction\.(\w+)=(.*)", re.DOTALL)
+_NAMED = re.compile(
+    r"(?:robot\.locked|data\.(?:columns|units))\.\w+=.*", re.DOTALL
+)  # tables with names of the user's own
 _VALUE = re.compile(r"friction\.(?:start|bounds|fixed)\.\w+\.\w+=.*", re.DOTALL)
 
 
 def contact_options(arguments: Sequence[str]) -> list[str]:
     """The arguments with ``friction.hinge=coulomb`` as ``+friction.contacts.hinge=coulomb``, so that the law of one
-    contact reads like that of all; ``friction.fixed.hinge.mu_c=0.1`` becomes a new key in the same way."""
+    contact reads like that of all; ``friction.fixed.hinge.mu_c=0.1`` and ``robot.locked.finger=0.0`` become new keys in
+    the same way."""
     return [_as_key(text) for text in arguments]
 
 
@@ -35,6 +39,8 @@ def options_of(law: FrictionLaw) -> list[str]:
 def _as_key(text: str) -> str:
     if _VALUE.fullmatch(text):
         return f"+{text}"
+    if _NAMED.fullmatch(text):
+        return f"++{text}"
     found = _LAW.fullmatch(text)
     if found is None or found[1] in KEYS:
         return text

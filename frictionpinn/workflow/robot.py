@@ -244,11 +244,12 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
                 "parameters": {n: told[n] for n in a.term.names(d.fit.model) if n in told},
                 "share_of_friction": a.tried.size,
                 "log10_p": plain(a.tried.scored.log_p),
-                "cross_validated_gain": [plain(a.tried.gain or 0.0), plain(a.tried.error)],
-                "share": plain(a.tried.share),
+                "cross_validated_gain": [plain(c.gain), plain(c.error)],
+                "share": plain(c.share),
                 "indistinguishable_from": list(a.alike),
             }
             for a in d.accepted
+            if (c := a.tried.confirmed) is not None
         ],
         "unexplained": {
             j: {"depends_on": list(r.variables), "kind": r.kind, "log10_p": plain(r.log_p), "size": plain(r.size)}

@@ -142,6 +142,35 @@ def test_a_gain_error_and_a_payload_are_found_with_their_size(robot):
     assert d.fit.model.values["payload.mass"] == pytest.approx(2.0, rel=0.03)
 
 
+def test_a_leaning_base_is_named_alone_though_a_level_one_hides_some_of_its_moments(robot):
+    level = robot.model.gravity.linear.copy()
+    robot.model.gravity.linear = level + 9.81 * np.array([0.04, -0.02, 0.0])
+    recording = recorded(robot)
+    robot.model.gravity.linear = level
+    base, trials = ready(robot, recording)
+    found = diagnose(declare(robot, base, LAWS["coulomb_viscous"]()), trials)
+    assert [a.term.name for a in found.accepted] == ["base_tilt"]
+    for name, value in (("base.tilt_x", 0.04), ("base.tilt_y", -0.02)):
+        low, high = found.fit.interval(name)
+        assert low - 0.001 < value < high + 0.001
+
+
+def test_no_channel_is_ahead_of_the_torque_that_it_shows(robot):
+    base, (trial,) = ready(robot, recorded(robot))
+    early = replace(trial, tau=np.stack([np.interp(trial.compared + [0, 0.03, 0][k], trial.compared, tau)
+                                         for k, tau in enumerate(trial.tau.T)], axis=1))  # fmt: skip
+    found = diagnose(declare(robot, base, LAWS["coulomb_viscous"]()), [early], settings=Settings(joints=()))
+    assert "delay@joint_2" not in [a.term.name for a in found.accepted]
+
+
+def test_a_stretch_that_gains_most_of_all_does_not_make_a_gain_unsure():
+    from frictionpinn.robots.score import Confirmed, certainty
+
+    even, one = np.array([9.0, 11, 10, 300, 12, 8, 10, 14]), np.array([-5.0, -3, 300, 2, -1, 1, -2, 3])
+    assert Confirmed(*certainty(even), 1.0).sure(2.0)
+    assert not Confirmed(*certainty(one), 1.0).sure(2.0)
+
+
 def test_the_low_pass_is_found_from_noise_and_rate(robot):
     quiet, noisy = recorded(robot), recorded(robot)
     (trial,) = noisy.trials

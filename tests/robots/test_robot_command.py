@@ -31,7 +31,7 @@ def folder(tmp_path_factory):
 
 
 def options(folder, *more):
-    return ("system=robot", f"robot.file={folder / 'arm.urdf'}", "robot.torque=motor", "robot.locked={finger: 0.0}",
+    return ("system=robot", f"robot.file={folder / 'arm.urdf'}", "robot.torque=motor", "robot.locked.finger=0.0",
             f"data.path={folder / 'log.csv'}", *more)  # fmt: skip
 
 

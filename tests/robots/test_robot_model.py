@@ -78,6 +78,8 @@ def test_a_payload_is_a_body_fixed_to_the_last_one(tmp_path):
     [
         ({"file": "no.urdf"}, "unknown file: robot.file is no.urdf"),
         ({"joints": ["j4"]}, "unknown joint: robot.joints is 'j4'; allowed: j1, j2, j3, finger"),
+        ({"locked": {"fingr": 0.0}}, "unknown joint: robot.locked is 'fingr'; allowed: j1, j2, j3, finger"),
+        ({"locked": {"finger": "shut"}}, "not a number: robot.locked.finger is 'shut'"),
         ({"joints": ["j1"], "locked": {"j1": 0.0}}, "joint both recorded and locked"),
         ({"locked": {"j1": 0, "j2": 0, "j3": 0, "finger": 0}}, "no joint moves"),
     ],
