@@ -1,7 +1,7 @@
 """frictionpinn beside mujoco.sysid and FIGAROH on the same UR10e recordings: torque error, time, lines of a user.
 
     python -m venv /tmp/figaroh && /tmp/figaroh/bin/pip install figaroh
-    python -m venv /tmp/mujoco && /tmp/mujoco/bin/pip install "mujoco[sysid]"
+    python -m venv /tmp/mujoco && /tmp/mujoco/bin/pip install "mujoco[sysid]==3.8.1"
     python benchmarks/robot_tools.py --figaroh /tmp/figaroh/bin/python --mujoco /tmp/mujoco/bin/python
 
 Each fits ``50sec`` and ``30sec`` and predicts the torques of ``40sec`` and ``ptp``, which it has not seen. All declare
@@ -39,7 +39,7 @@ FITTED, HELD_OUT = ("50sec", "30sec"), ("40sec", "ptp")
 CUTOFF_HZ = 8.0  # customary for these recordings
 ITERATIONS = 200  # of mujoco.sysid at most: its own number
 BEGIN, END = "# what a user writes: begin", "# what a user writes: end"
-INSTALLED = {"figaroh": "pip install figaroh", "mujoco": 'pip install "mujoco[sysid]"'}
+INSTALLED = {"figaroh": "pip install figaroh", "mujoco": 'pip install "mujoco[sysid]==3.8.1"'}
 COMMAND = """\
 python diagnose.py system=robot robot.file=ur10e.urdf robot.torque=motor friction=coulomb_viscous
   'diagnose.declared=[constant_force]' robot.cutoff_hz=8

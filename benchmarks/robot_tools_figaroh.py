@@ -2,9 +2,9 @@
 
     python robot_tools_figaroh.py FOLDER    robot.urdf, motions.npz and task.json stand there; writes predicted.npz
 
-Its own workflow, as its examples for the UR10 have it: a subclass with the trajectory, a configuration,
-``initialize`` and ``solve``: base parameters by weighted least squares (``wls``), decimation as parallel filter, Coulomb
-and viscous friction, motor inertia and offset of each joint. Between the marks stands what a user writes.
+Its own workflow, as its examples for the UR10 have it: a subclass with the trajectory, a configuration, ``initialize``
+and ``solve``: base parameters by weighted least squares (``wls``), decimation as parallel filter, Coulomb and viscous
+friction, motor inertia and offset of each joint. Between the marks stands what a user writes.
 """
 
 import json

@@ -4,8 +4,10 @@
 
 mujoco.sysid compares sensors of a rollout with a log. Rolled out from its torques an arm leaves its log within seconds
 (gravity pulls where the model is a few per cent off), so its ``custom_rollout`` puts MuJoCo's inverse dynamics along
-the logged motion in the rollout's place: torques are compared with torques. Parameters are its own: pseudo-inertia of each
-body, damping, frictionloss and armature of each joint, and an offset. Between the marks stands what a user writes.
+the logged motion in the rollout's place: torques are compared with torques. Parameters are its own: pseudo-inertia of
+each body, damping, frictionloss and armature of each joint, and an offset. Of mujoco 3.17 and 4.0 a body with
+pseudo-inertia does not compile ("mass and inertia of moving bodies must be larger than mjMINVAL"); 3.8.1 does it.
+Between the marks stands what a user writes.
 """
 
 import json
