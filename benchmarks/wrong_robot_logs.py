@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from robot_arms import recorded
-from robots import RESULTS, made
+from robots import RESULTS, SPEEDS, made
 
 from frictionpinn.errors import UserError
 from frictionpinn.robots.check import inspect_robot
@@ -97,7 +97,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         arm, _, _, rng = made(SEED, folder)
-        (trial,) = recorded(arm, rng, (20.0,)).trials
+        (trial,) = recorded(arm, rng, (20.0,), SPEEDS).trials
         table = {"t": trial.t, **trial.signals}
         for name, change in ({"as it is": lambda t: t} | ways(rng)).items():
             path = folder / "log.csv"
