@@ -5,15 +5,18 @@
 Trained by experiment=memory on the six-trial protocol at 5 % noise, with seeds from 1000, on which no choice was made;
 scored on Traj. 1 and Traj. 2 of conf/evaluate.yaml. The swings: 2 s of 30 to 65 degrees at 0.7 to 1.2 Hz, skewed at
 random, then 1 s of rest, in which a limit cycle would show. Writes networks_in_simulation_<model>.txt of
-benchmarks/results, with --decade networks_in_simulation_<model>_decade.txt.
+benchmarks/results, with --decade networks_in_simulation_<model>_decade.txt. Every training and swing is kept as it
+comes in the .json beside it, from which the next call goes on; --fresh begins anew.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import statistics
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +28,7 @@ from frictionpinn.evaluate.in_motion import simulate_in_motion
 from frictionpinn.models.elements import StateFriction
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulation import ContactLost, SimulationFailed
-from frictionpinn.physics import LAWS, System
+from frictionpinn.physics import LAWS, SYSTEMS, System
 from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.workflow.experiment import build_data
 from frictionpinn.workflow.identify import bounds_of, start_within
@@ -69,26 +72,28 @@ def trained(name: str, seed: int, folder: Path, decade: bool = False) -> dict[st
             found["in simulation"][item.name] = error.what
         seen = item.seen[seed]
         found["online"][item.name] = float(np.mean((model.predict_trial(seen)["force"] - item.force) ** 2))
-    return found | {"friction": friction, "system": system}
+    parts = (friction.tables, friction.grid, friction.elements)
+    return found | {"friction": [part.tolist() for part in parts], "system": system.name}
 
 
-def swings(system: System, friction: StateFriction, count: int) -> tuple[int, int]:
-    """How many of the random swings failed, and how many did not come to rest."""
-    rng, failed, cycles = np.random.default_rng(1000), 0, 0
+def swings(system: System, friction: StateFriction, done: list[str], count: int) -> Iterator[str]:
+    """What becomes of the random swings that are not ``done``: rest, cycle, failed, or lifted where the contact ends."""
+    rng = np.random.default_rng(1000)
     t = np.arange(1201) / 400.0
     mechanism = Mechanism(system, LAWS["coulomb"]())
-    for _ in range(count):
+    for k in range(count):
         size, w, skew = np.deg2rad(rng.uniform(30, 65)), 2 * np.pi * rng.uniform(0.7, 1.2), rng.uniform(-0.45, 0.45)
+        if k < len(done):
+            continue
         fade = np.where(t < 1.5, 1.0, np.where(t < 2.0, 0.5 + 0.5 * np.cos(2 * np.pi * (t - 1.5)), 0.0))
         theta = size * fade * np.sin(w * t + skew * np.sin(w * t))
         omega = np.gradient(theta, t)
         path = InputPath.from_signals(mechanism, t, {"theta": theta, "omega": omega, "alpha": np.gradient(omega, t)})
         try:
             run = simulate_in_motion(system, friction, path, {})
-            cycles += int(np.abs(run.v_slip[-80:]).max() > AT_REST)
+            yield "cycle" if np.abs(run.v_slip[-80:]).max() > AT_REST else "rest"
         except (ContactLost, SimulationFailed) as error:
-            failed += int(not isinstance(error, ContactLost))
-    return failed, cycles
+            yield "lifted" if isinstance(error, ContactLost) else "failed"
 
 
 def told(values: list[Any]) -> str:
@@ -104,29 +109,48 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--swings", type=int, default=200)
     parser.add_argument("--decade", action="store_true", help="bounds a decade wide around the truth, of a PE")
+    parser.add_argument("--fresh", action="store_true", help="forget what is kept")
     options = parser.parse_args()
-    head = f"experiment=memory on pob, seeds 1000 to {999 + options.seeds}: medians [lowest, highest]; force in N^2"
-    kind = "_decade" if options.decade else ""
     for name in options.models:
-        runs, lines, result = [], [head], RESULTS / f"networks_in_simulation_{name}{kind}.txt"
-        with tempfile.TemporaryDirectory() as folder:
-            for seed in range(1000, 1000 + options.seeds):
-                runs.append(trained(name, seed, Path(folder) / f"{name}_{seed}", options.decade))
-                print(name, seed, {key: runs[-1][key] for key in ("in simulation", "online", "parameters")}, flush=True)
-        lines += ["", f"{name}: {told([run['seconds'] for run in runs])} s of processor time for a training"]
-        for way in ("in simulation", "online"):
-            for trajectory in runs[0][way]:
-                lines.append(f"  {trajectory} {way:<14} {told([run[way][trajectory] for run in runs])}")
-        for key in runs[0]["parameters"]:
-            if any(run["parameters"][key] for run in runs):
-                lines.append(f"  {key:<8} off by {told([100 * run['parameters'][key] for run in runs])} %")
-        result.write_text("\n".join(lines) + "\n")  # the swings take long
-        if not options.swings:
-            continue
-        failed, cycles = swings(runs[0]["system"], runs[0]["friction"], options.swings)
-        lines.append(f"  {options.swings} random swings: {failed} failed, {cycles} not at rest after a second of rest")
-        print("\n".join(lines), flush=True)
-        result.write_text("\n".join(lines) + "\n")
+        kind = f"{name}_decade" if options.decade else name
+        kept, result = (RESULTS / f"networks_in_simulation_{kind}.{ending}" for ending in ("json", "txt"))
+        known: dict[str, Any] = {"runs": {}, "swings": []}
+        if kept.exists() and not options.fresh:
+            known = json.loads(kept.read_text())
+        for seed in range(1000, 1000 + options.seeds):
+            if str(seed) in known["runs"]:
+                continue
+            with tempfile.TemporaryDirectory() as folder:
+                known["runs"][str(seed)] = trained(name, seed, Path(folder) / "run", options.decade)
+            kept.write_text(json.dumps(known))
+            result.write_text(table(name, known))
+        first = known["runs"]["1000"]
+        friction = StateFriction(*(np.array(part) for part in first["friction"]))
+        for fate in swings(SYSTEMS[first["system"]](), friction, known["swings"], options.swings):
+            known["swings"].append(fate)
+            kept.write_text(json.dumps(known))
+        result.write_text(table(name, known))
+        print(result.read_text(), flush=True)
+
+
+def table(name: str, known: dict[str, Any]) -> str:
+    """The result as text."""
+    runs, fates = list(known["runs"].values()), known["swings"]
+    seeds = f"seeds 1000 to {999 + len(runs)}"
+    lines = [f"experiment=memory on pob, {seeds}: medians [lowest, highest]; force in N^2", ""]
+    lines.append(f"{name}: {told([run['seconds'] for run in runs])} s of processor time for a training")
+    for way in ("in simulation", "online"):
+        for trajectory in runs[0][way]:
+            lines.append(f"  {trajectory} {way:<14} {told([run[way][trajectory] for run in runs])}")
+    for key in runs[0]["parameters"]:
+        if any(run["parameters"][key] for run in runs):
+            off = [100 * run["parameters"][key] for run in runs]
+            far = statistics.median(map(abs, off))
+            lines.append(f"  {key:<8} off by {told(off)} %, {far:.3g} % without the sign")
+    if fates:
+        lines.append(f"  {len(fates)} random swings: {fates.count('failed')} failed, {fates.count('cycle')} not at rest "
+                     f"after a second of rest, {fates.count('lifted')} lost the contact")  # fmt: skip
+    return "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from ..numerics.motion_function import motion_function
 from ..numerics.smoothing import Coordinate
 from ..numerics.spline_basis import smooth_together
 from ..physics.base import CONTACT, V_T, at_contact, plain_name
+from ..physics.beforehand import EXCESS, STRIBECK
 from ..physics.friction import CoulombViscous
 from ..physics.mechanism import Mechanism
 from ..physics.scan import DECADES, data_scales
@@ -175,7 +176,7 @@ class Scales:
             stiffness = fixed.get(bristle, force / (1e-2 * velocity**2 / acceleration))
             damping = np.sqrt(stiffness * mass) if mass else 1e-2 * stiffness * velocity / acceleration
             own = {
-                "mu_c": mu_c, "mu_s": 1.5 * mu_c, "v_s": 0.02 * velocity, "sigma_0": stiffness, "sigma_1": damping,
+                "mu_c": mu_c, "mu_s": (1 + EXCESS) * mu_c, "v_s": STRIBECK * velocity, "sigma_0": stiffness, "sigma_1": damping,
                 "sigma_2": 0.1 * force / velocity,
             }  # fmt: skip
             rough |= {at_contact(contact.name, name): value for name, value in own.items()}

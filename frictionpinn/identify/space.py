@@ -11,12 +11,11 @@ import sympy as sp
 
 from ..errors import UserError
 from ..physics.base import beside, plain_name
+from ..physics.beforehand import EXCESS, SPREADS
 from ..physics.mechanism import Mechanism
 
 LEAST_GAP = 1e-3  # of the lower bound: two parameters that must not cross stay this far apart
 TINY, HUGE = 1e-300, 700.0  # values below which and exponents beyond which a logarithm has no number
-EXCESS = 0.5  # (mu_s - mu_c) / mu_c: dry contacts have 0.1 to 2
-SPREADS = {"mu_s": 1.0, "v_s": 1.5}  # standard deviations of the logarithm: 95 % within factors of 7 and 19
 
 
 @dataclass(frozen=True)

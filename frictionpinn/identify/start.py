@@ -20,6 +20,7 @@ from ..numerics.descent import GIVEN, Evaluate, Solution, State, levenberg_marqu
 from ..numerics.parallel import in_parallel
 from ..numerics.paths import InputPath
 from ..physics.base import beside, contact_of, plain_name
+from ..physics.beforehand import DAMPING_RATIO, STATIC_RATIO
 from ..physics.scan import DECADES
 from .problem import Problem
 from .space import Space
@@ -31,8 +32,6 @@ DESIGN_POINTS = {0: 1, 1: 32, 2: 32, 3: 64, 4: 64}  # points of the coarse desig
 MOST_POINTS = 128  # points where there are more
 FEW = 0.1  # of all the friction: dry friction below is tried as all of it too
 WEAKER = 0.01  # of what it is alone: where one kind of friction starts beside another that is tried as all of it
-DAMPING_RATIO = (0.03, 1.0)
-STATIC_RATIO = (1.05, 4.0)  # mu_s / mu_c
 FLAT_RATIO = 1.01  # the same where friction hardly rises towards rest
 RIDGE = (6, 8)  # grid over mu_s / mu_c and v_s
 ROUGH: dict[str, Any] = {"rtol": 1e-4, "atol": 1e-5}  # over windows: errors of 1e-5 m/s are far below any noise

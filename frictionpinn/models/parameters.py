@@ -56,6 +56,13 @@ class LawParameters(nn.Module):
         low = torch.maximum(mu_c, low)
         return low, torch.maximum(low * (1 + 1e-4), high)
 
+    @torch.no_grad()
+    def place(self, values: Mapping[str, float]) -> None:
+        """Go on from values, SI units, each moved inside its bounds."""
+        mu_c = torch.tensor(float(self.fixed.get("mu_c", values.get("mu_c", 0.0))))
+        for name, raw in self.raw.items():
+            raw.copy_(_inverse(float(values[name]), *(bound.cpu() for bound in self._range(name, mu_c))))
+
     def forward(self) -> dict[str, Tensor]:
         """Parameter name -> tensor of shape (), SI units, in the law's order."""
         device = next(iter(self.raw.values())).device

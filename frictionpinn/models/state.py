@@ -17,10 +17,12 @@ from ..errors import UserError, choose
 from ..numerics.state_function import Drive, Recursion
 from ..numerics.torch_functions import LawFunctions
 from ..physics import LAWS
+from ..physics.beforehand import EXCESS, SPREADS, STRIBECK
 from .base import Batch, FrictionModel
 from .elements import StateFriction
 from .network import ACTIVATIONS
 from .parameters import LawParameters
+from .state_start import find_start
 
 KNOTS, LOADS = 81, 3  # of the tables: velocities (asinh-spaced, a factor 1.25 apart) and loads
 REACH = 2.0  # times the fastest training sample: where the tables end
@@ -225,19 +227,22 @@ class StateModel(FrictionModel):
         return arrays | {"x": np.concatenate([arrays["v"], arrays["N"]], axis=1)}
 
     def fit_scales(self, batch: Batch) -> None:
-        """The knots are scaled by construction; a black box starts from the reach that fits best."""
+        """The knots are scaled by construction; a black box starts from the reach that fits best, a parameter
+        estimator that is trained through the motion as :func:`.state_start.find_start` says."""
         if self.law_parameters is not None:
+            if self.through == "motion" and self.law_parameters.raw:
+                find_start(self, batch)
             return
         own = {name: value.detach().clone() for name, value in self._reaching().items()}
         best, least = 1.0, np.inf
         for factor in 4.0 ** np.arange(-3, 6):
             self._reach(own, factor)
-            miss = self._loss_now(batch)
+            miss = self.loss_now(batch)
             best, least = (factor, miss) if miss < least else (best, least)
         self._reach(own, best)
 
     @torch.no_grad()
-    def _loss_now(self, batch: Batch) -> float:
+    def loss_now(self, batch: Batch) -> float:
         """Loss as it is now."""
         return float(self.losses(batch)["loss"])
 
@@ -282,7 +287,19 @@ class StateModel(FrictionModel):
                  "slip": (slip / scales["slip_noise"]).clamp(-FAR, FAR).square().mean()}  # fmt: skip
         if own and hasattr(self, "inputs_off"):
             parts["inputs"] = (self.inputs_off.square().sum() + self.starts_off.square().sum()).double() / n
+        if own and self.law_parameters is not None:
+            parts["beforehand"] = self._beforehand() / n
         return parts, found["told"]
+
+    def _beforehand(self) -> Tensor:
+        """Squares of what is known of static friction and Stribeck velocity, see :mod:`..physics.beforehand`."""
+        p, free = self.law_parameters(), self.law_parameters.raw  # type: ignore[misc, union-attr]
+        off = []
+        if "mu_s" in free:
+            off.append(torch.log((p["mu_s"] / p["mu_c"] - 1).clamp_min(1e-6) / EXCESS) / SPREADS["mu_s"])
+        if "v_s" in free:
+            off.append(torch.log(p["v_s"] / (STRIBECK * self.scales["velocity"])) / SPREADS["v_s"])
+        return sum((x.double().square() for x in off), start=torch.zeros((), dtype=torch.float64))
 
     def lag(self) -> Tensor:
         """Time by which the measured force comes early, s."""

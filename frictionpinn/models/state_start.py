@@ -1,0 +1,153 @@
+"""Where the training of a parameter estimator through the motion starts, so that no minimum is met by chance.
+
+Simulated, the loss has many minima along the ridge on which static friction and Stribeck velocity move together. It has
+few in stiffness and damping while friction rises towards rest over a wide range of velocities, since nothing jumps then:
+
+1. a design over stiffness and damping, the rise as wide as the bounds allow;
+2. from the best two the law alone is fitted to the motion, then the law beside the errors of the inputs;
+3. points along the ridge from the better one, and the best two of them fitted again.
+
+The network stays at rest: what it has to add to the law is left to the training. L-BFGS: Nocedal and Wright, Numerical
+Optimization, 7.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from scipy.optimize import minimize, minimize_scalar
+from scipy.stats import qmc
+
+from ..physics.beforehand import DAMPING_RATIO, STATIC_RATIO
+from .base import Batch
+
+if TYPE_CHECKING:
+    from .state import StateModel
+
+DESIGN = 16  # points, a power of two as Sobol's sequence wants
+RIDGE, FINER = (6, 8), 12  # values of mu_s / mu_c and of v_s, and how often the best v_s is moved beside each mu_s
+FOLLOWED = 2  # points of design and ridge from which a fit goes on
+ALONE, JOINT, ALONG = 30, 80, 60  # iterations: the law alone, beside the inputs' errors, along the ridge
+LAW_STEP = 0.03  # of a law's parameters (logarithms) beside one of an input's error, in units of its size
+
+Point = dict[str, float]
+
+
+def find_start(model: StateModel, batch: Batch) -> None:
+    """Leave the law's parameters and the inputs' errors of ``model`` where its training on ``batch`` starts."""
+    law = model.law_parameters
+    assert law is not None
+    points = [*design(model), model.physical()]  # a start that was given is one of those tried
+    ends = []
+    for point in _best(model, batch, points):
+        law.place(point)
+        _forget(model)
+        _fit(model, batch, ("law_parameters.",), ALONE)
+        ends.append((_fit(model, batch, ("law_parameters.", "_off"), JOINT), _now(model)))
+    best = min(ends, key=lambda end: end[0])
+    _restore(model, best[1])
+    for point in _best(model, batch, ridge(model, batch)):
+        _restore(model, best[1])
+        law.place(point)
+        ends.append((_fit(model, batch, ("law_parameters.", "_off"), ALONG), _now(model)))
+    _restore(model, min(ends, key=lambda end: end[0])[1])
+
+
+def design(model: StateModel) -> list[Point]:
+    """Stiffness and damping spread evenly in the logarithm (Sobol); sliding friction as the sliding samples have it."""
+    law, scales = model.law_parameters, model.scales
+    assert law is not None
+    told = model.physical() | {"mu_c": scales["ratio"], "sigma_2": scales["viscous"]}
+    told |= {"mu_s": scales["breakaway"], "v_s": 0.05 * scales["velocity"]}
+    points = []
+    for x, y in qmc.Sobol(2, seed=0).random(DESIGN):
+        point = {name: value for name, value in told.items() if name in law.raw} | law.fixed
+        if "sigma_0" in law.raw:
+            point["sigma_0"] = _between(law.bounds["sigma_0"], x)
+        if "sigma_1" in law.raw:
+            critical = 2 * np.sqrt(point["sigma_0"] / scales["mobility"])
+            point["sigma_1"] = critical * _between(DAMPING_RATIO, y)
+        points.append(point)
+    return points
+
+
+def ridge(model: StateModel, batch: Batch) -> list[Point]:
+    """The law as it is with other static frictions, each with the Stribeck velocity that fits best beside it.
+
+    The ridge is narrow: a Stribeck velocity a few per cent off moves a stop. None where the two are not both free.
+    """
+    law, now = model.law_parameters, model.physical()
+    assert law is not None
+    if not {"mu_s", "v_s"} <= set(law.raw):
+        return []
+    speeds = np.log(np.geomspace(*law.bounds["v_s"], RIDGE[1]))
+    points = []
+    for ratio in np.geomspace(*STATIC_RATIO, RIDGE[0]):
+
+        def at(v: float, ratio: float = ratio) -> Point:
+            return now | {"mu_s": float(ratio * now["mu_c"]), "v_s": float(np.exp(v))}
+
+        def miss(v: float) -> float:
+            law.place(at(v))
+            return model.loss_now(batch)
+
+        k = int(np.argmin([miss(v) for v in speeds]))
+        around = speeds[max(k - 1, 0)], speeds[min(k + 1, len(speeds) - 1)]
+        points.append(at(minimize_scalar(miss, bounds=around, method="bounded", options={"maxiter": FINER}).x))
+    return points
+
+
+def _between(bounds: Sequence[float], share: float) -> float:
+    low, high = bounds
+    return float(low * (high / low) ** share)
+
+
+def _best(model: StateModel, batch: Batch, points: Sequence[Point]) -> list[Point]:
+    """The points of least loss, the network and the inputs' errors as they are."""
+    losses = []
+    for point in points:
+        model.law_parameters.place(point)  # type: ignore[union-attr]
+        losses.append(model.loss_now(batch))
+    return [points[k] for k in np.argsort(losses)[:FOLLOWED]]
+
+
+def _now(model: StateModel) -> dict[str, torch.Tensor]:
+    return {name: p.detach().clone() for name, p in model.named_parameters()}
+
+
+@torch.no_grad()
+def _restore(model: StateModel, known: Mapping[str, torch.Tensor]) -> None:
+    for name, p in model.named_parameters():
+        p.copy_(known[name])
+
+
+@torch.no_grad()
+def _forget(model: StateModel) -> None:
+    """No error of the inputs."""
+    for name, p in model.named_parameters():
+        if name.endswith("_off"):
+            p.zero_()
+
+
+def _fit(model: StateModel, batch: Batch, named: tuple[str, ...], iterations: int) -> float:
+    """Minimise the loss by L-BFGS over the parameters whose names hold one of ``named``; the loss that is reached."""
+    own = [(name, p) for name, p in model.named_parameters() if any(part in name for part in named)]
+    unit = np.concatenate([np.full(p.numel(), LAW_STEP if "law" in name else 1.0) for name, p in own])
+    first = torch.cat([p.detach().flatten() for _, p in own]).double().cpu().numpy()
+    size = float(len(batch["v"]))  # so that the curvature is that of a sum of squares, for which the tolerances are
+
+    def loss(x: np.ndarray) -> tuple[float, np.ndarray]:
+        parts = torch.from_numpy(first + unit * x).split([p.numel() for _, p in own])
+        with torch.no_grad():
+            for (_, p), part in zip(own, parts, strict=True):
+                p.copy_(part.view_as(p))
+        with torch.enable_grad():
+            value = size * model.losses(batch)["loss"]
+            slopes = torch.autograd.grad(value, [p for _, p in own])
+        return float(value.detach()), unit * torch.cat([g.flatten() for g in slopes]).double().cpu().numpy()
+
+    found = minimize(loss, np.zeros(len(first)), jac=True, method="L-BFGS-B", options={"maxiter": iterations})
+    return loss(found.x)[0] / size
