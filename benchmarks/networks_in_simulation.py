@@ -77,7 +77,7 @@ def trained(name: str, seed: int, folder: Path, decade: bool = False) -> dict[st
 
 
 def swings(system: System, friction: StateFriction, done: list[str], count: int) -> Iterator[str]:
-    """What becomes of the random swings that are not ``done``: rest, cycle, failed, or lifted where the contact ends."""
+    """What becomes of the random swings that are not ``done``: rest, cycle, failed, lifted (the contact ends)."""
     rng = np.random.default_rng(1000)
     t = np.arange(1201) / 400.0
     mechanism = Mechanism(system, LAWS["coulomb"]())
@@ -148,8 +148,9 @@ def table(name: str, known: dict[str, Any]) -> str:
             far = statistics.median(map(abs, off))
             lines.append(f"  {key:<8} off by {told(off)} %, {far:.3g} % without the sign")
     if fates:
-        lines.append(f"  {len(fates)} random swings: {fates.count('failed')} failed, {fates.count('cycle')} not at rest "
-                     f"after a second of rest, {fates.count('lifted')} lost the contact")  # fmt: skip
+        failed, cycles, lifted = (fates.count(fate) for fate in ("failed", "cycle", "lifted"))
+        lines.append(f"  {len(fates)} random swings: {failed} failed, {cycles} not at rest after a second of rest, "
+                     f"{lifted} lost the contact")  # fmt: skip
     return "\n".join(lines) + "\n"
 
 

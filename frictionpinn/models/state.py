@@ -33,6 +33,7 @@ GAIN = 0.05  # share of that correction, per sample, where the model is used onl
 PRESLIDING = 1e-2  # share of v^2 / a that a bristle bends: where its training starts
 SHARP = -3.0  # where training starts: n = 1.05, an exponential saturation, whose step is nearly exact
 THROUGH = ("motion", "balance")
+WEIGHT = 100.0  # of the network's departure from its law: a percent at most unless the data insist
 FAR = 50.0  # noises: a residual that diverged
 
 
@@ -41,7 +42,7 @@ class StateModel(FrictionModel):
 
     A black box has ``elements`` such bristles, s_k = gap_k + N T_k(v, N), kappa_k T_k(v, N) and r(v, N) from a network
     with positive outputs: kappa_k T_k, the share of the load at which a bristle slides, is what a motion tells best, so
-    the stiffness is free to move under it. No closed cycle of motion gives energy
+    the stiffness is free to move under it; ``loss.weight`` keeps small what of T and r depends on the load. No closed cycle of motion gives energy
     (:mod:`..numerics.state_recursions`). A parameter estimator has the law's one: kappa = sigma_0, c = sigma_1, n = 1,
     no gap, N T = capacity / sigma_0 times exp(network), a departure from the law that ``loss.weight`` keeps small, and
     r = sigma_2. The network is read at the knots of a table, which recursion, simulation and export share.
@@ -264,8 +265,11 @@ class StateModel(FrictionModel):
             parts, told = self._through_motion(batch, own)
         else:
             parts, told = self._through_balance(batch)
-        if self.law_parameters is not None:
-            parts["consistency"] = float(self.loss["weight"]) * told.square().mean()
+        departure = told  # from the law; of a black box from friction in proportion to the load
+        if self.law_parameters is None:
+            by_load = told.reshape(KNOTS, LOADS, -1)
+            departure = by_load - by_load.mean(1, keepdim=True)
+        parts["consistency"] = float(self.loss.get("weight", WEIGHT)) * departure.square().mean()
         parts["loss"] = sum(parts.values(), start=torch.zeros((), dtype=torch.float64))
         return parts
 

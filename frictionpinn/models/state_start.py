@@ -1,7 +1,7 @@
 """Where the training of a parameter estimator through the motion starts, so that no minimum is met by chance.
 
-Simulated, the loss has many minima along the ridge on which static friction and Stribeck velocity move together. It has
-few in stiffness and damping while friction rises towards rest over a wide range of velocities, since nothing jumps then:
+Simulated, the loss has many minima along the ridge on which static friction and Stribeck velocity move together. In
+stiffness and damping it has few while friction rises towards rest over a wide range of velocities: nothing jumps then.
 
 1. a design over stiffness and damping, the rise as wide as the bounds allow;
 2. from the best two the law alone is fitted to the motion, then the law beside the errors of the inputs;
