@@ -176,8 +176,8 @@ class Scales:
             stiffness = fixed.get(bristle, force / (1e-2 * velocity**2 / acceleration))
             damping = np.sqrt(stiffness * mass) if mass else 1e-2 * stiffness * velocity / acceleration
             own = {
-                "mu_c": mu_c, "mu_s": (1 + EXCESS) * mu_c, "v_s": STRIBECK * velocity, "sigma_0": stiffness, "sigma_1": damping,
-                "sigma_2": 0.1 * force / velocity,
+                "mu_c": mu_c, "mu_s": (1 + EXCESS) * mu_c, "v_s": STRIBECK * velocity, "sigma_0": stiffness,
+                "sigma_1": damping, "sigma_2": 0.1 * force / velocity,
             }  # fmt: skip
             rough |= {at_contact(contact.name, name): value for name, value in own.items()}
             times, places = [motion.model.t for motion in at], [motion.position for motion in at]

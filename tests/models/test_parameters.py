@@ -94,3 +94,14 @@ def test_a_start_on_its_bound_can_still_move():
 def test_unphysical_settings_are_named(options, message):
     with pytest.raises(UserError, match=message):
         parameters(**options)
+
+
+def test_parameters_can_be_moved_to_other_values_inside_their_bounds():
+    law = parameters(fixed={"sigma_1": 300.0})
+    law.place({**START, "sigma_0": 2e5, "mu_c": 0.3, "v_s": 1e3})
+    values = law()
+    assert values["sigma_0"].item() == pytest.approx(2e5, rel=1e-4) and values["sigma_1"].item() == 300.0
+    assert values["mu_c"].item() == pytest.approx(0.3, rel=1e-4) and values["mu_s"].item() == pytest.approx(
+        0.4, rel=1e-3
+    )
+    assert 0.09 < values["v_s"].item() <= BOUNDS["v_s"][1]

@@ -14,9 +14,16 @@ VARIANTS = ("bb1", "bb2", "pe1", "pe2")
 
 
 @pytest.fixture
-def stateful(make):
+def started(make):
     """A variant with a state."""
     return lambda name, **changes: make(name, memory="state", **changes)
+
+
+@pytest.fixture
+def stateful(started, monkeypatch):
+    """The same without the search for a start, which takes seconds."""
+    monkeypatch.setattr("frictionpinn.models.state.find_start", lambda model, batch: None)
+    return started
 
 
 @pytest.mark.parametrize("name", VARIANTS)
@@ -114,3 +121,29 @@ def test_stiffness_and_damping_are_trained_with_the_step_size_of_physical_parame
 def test_an_impossible_number_of_bristles_is_told(stateful, elements):
     with pytest.raises(UserError, match=r"model.state.elements"):
         stateful("bb2", state={"elements": elements})
+
+
+def test_a_start_far_off_is_left_for_one_where_the_law_fits_the_motion(started):
+    near = {"sigma_0": 1e5, "sigma_1": 316.23, "sigma_2": 0.4, "mu_c": 0.3, "mu_s": 0.6, "v_s": 1e-3}
+    bounds = {name: [value / 4, 4 * value] for name, value in near.items()}
+    off = {"sigma_0": 3e5, "sigma_1": 90.0, "sigma_2": 0.2, "mu_c": 0.2, "mu_s": 0.25, "v_s": 3e-3}
+    found = started("pe2", friction={"start": off, "bounds": bounds}).physical()
+    assert found["mu_c"] == pytest.approx(0.3, rel=0.02)
+    assert found["sigma_0"] == pytest.approx(1e5, rel=0.4)
+    assert found["sigma_1"] == pytest.approx(316.23, rel=0.4)
+
+
+def test_a_parameter_that_is_fixed_stays_where_it_is_said_to_be(started):
+    model = started("pe2", friction={"fixed": {"v_s": 2e-3}})
+    assert model.physical()["v_s"] == pytest.approx(2e-3)
+
+
+def test_friction_that_departs_from_proportion_to_the_load_costs_a_black_box(stateful, batch):
+    model = stateful("bb2")
+    data = batch(model)
+    assert float(model.losses(data)["consistency"].detach()) == 0.0
+    with torch.no_grad():
+        model.network[-1].weight.add_(0.1)  # type: ignore[operator]
+    told = model.tables()[2].detach().numpy().reshape(81, 3, -1)
+    wanted = 100.0 * np.mean((told - told.mean(axis=1, keepdims=True)) ** 2)
+    assert float(model.losses(data)["consistency"].detach()) == pytest.approx(wanted, rel=1e-4) and wanted > 0
