@@ -11,9 +11,10 @@ pytest.importorskip("pinocchio")
 from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.physics import LAWS
 from frictionpinn.physics.robot import Base, Robot
+from frictionpinn.robots.balance import solve
 from frictionpinn.robots.check import inspect_robot
 from frictionpinn.robots.diagnose import Settings, diagnose
-from frictionpinn.robots.identify import declare, identify, independent_armatures, relative_errors
+from frictionpinn.robots.identify import begun_anew, declare, identify, independent_armatures, relative_errors
 from frictionpinn.robots.motion import cutoff, fitted_smoothers, prepare
 
 MU, VISCOUS = np.array([6.0, 8.0, 4.0]), np.array([3.0, 5.0, 2.0])
@@ -148,11 +149,25 @@ def test_a_leaning_base_is_named_alone_though_a_level_one_hides_some_of_its_mome
     recording = recorded(robot)
     robot.model.gravity.linear = level
     base, trials = ready(robot, recording)
-    found = diagnose(declare(robot, base, LAWS["coulomb_viscous"]()), trials)
+    settings = Settings(joints=("constant_force", "ripple", "asymmetry"), robot=("base_tilt", "coupling"))
+    found = diagnose(declare(robot, base, LAWS["coulomb_viscous"]()), trials, settings=settings)
     assert [a.term.name for a in found.accepted] == ["base_tilt"]
     for name, value in (("base.tilt_x", 0.04), ("base.tilt_y", -0.02)):
         low, high = found.fit.interval(name)
         assert low - 0.001 < value < high + 0.001
+
+
+def test_a_search_that_ended_far_off_begins_anew(robot):
+    def stribeck(q, v, load, friction):
+        return friction + MU * np.sign(v) * np.exp(-((v / 0.1) ** 2))
+
+    base, trials = ready(robot, recorded(robot, change=stribeck))
+    right = identify(declare(robot, base, LAWS["stribeck"]()), trials)
+    away = right.model.with_values(**{"joint_2.v_s": 50.0, "joint_2.mu_s": right.model.values["joint_2.mu_c"]})
+    astray = solve(replace(away, priors={}).held_near(), trials)
+    assert astray.cost > right.cost + 10
+    assert begun_anew(astray).cost < right.cost + 1
+    assert begun_anew(right) is right
 
 
 def test_no_channel_is_ahead_of_the_torque_that_it_shows(robot):
