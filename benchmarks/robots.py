@@ -45,6 +45,10 @@ THINNING = 0.015  # share of its joint's friction that the bend of thinning visc
 SPEEDS = (1.0, 2.0)  # rad/s, between which a joint's fastest lies: makers allow 2 to 3
 
 
+class NoSuchDraw(Exception):
+    """An effect is too small in every joint of an arm: the seed is passed over."""
+
+
 def robot_of(seed: int, folder: Path) -> Robot:
     """The UR10e where it can be fetched, of even seeds; else seven joints."""
     if seed % 2 == 0:
@@ -76,7 +80,7 @@ def made(seed: int, folder: Path) -> tuple[Arm, str, int | None, np.random.Gener
             with_effect = sized(arm, effect, joint, motion, share)
         if with_effect is not None:
             return with_effect, effect, joint, rng
-    raise ValueError(f"seed {seed}: no joint in which {effect} is large enough")
+    raise NoSuchDraw(f"seed {seed}: no joint in which {effect} is large enough")
 
 
 def one(seed: int, folder: Path) -> dict:
@@ -154,7 +158,11 @@ def main() -> None:
         for seed in range(*args.seeds):
             if seed in done or time.perf_counter() - began > 60 * args.minutes:
                 continue
-            rows.append(one(seed, Path(folder)))
+            try:
+                rows.append(one(seed, Path(folder)))
+            except NoSuchDraw as none:
+                print(none, flush=True)
+                continue
             path.write_text(json.dumps(sorted(rows, key=lambda r: r["seed"]), indent=1) + "\n")
             print(told(rows[-1:]).splitlines()[1], flush=True)
     text = told(sorted(rows, key=lambda r: r["seed"]))
