@@ -42,7 +42,7 @@ class StateModel(FrictionModel):
 
     A black box has ``elements`` such bristles, s_k = gap_k + N T_k(v, N), kappa_k T_k(v, N) and r(v, N) from a network
     with positive outputs: kappa_k T_k, the share of the load at which a bristle slides, is what a motion tells best, so
-    the stiffness is free to move under it. How T and r depend on the load is kept small by ``loss.weight``. No closed
+    the stiffness is free to move under it. Through the motion ``loss.weight`` keeps small how T and r depend on the load. No closed
     cycle of motion gives energy (:mod:`..numerics.state_recursions`). A parameter estimator has the law's one bristle:
     kappa = sigma_0, c = sigma_1, n = 1, no gap, N T = capacity / sigma_0 times exp(network), a departure from the law
     that ``loss.weight`` keeps small, and r = sigma_2. The network is read at the knots of a table, which recursion,
@@ -267,11 +267,12 @@ class StateModel(FrictionModel):
             parts, told = self._through_motion(batch, own)
         else:
             parts, told = self._through_balance(batch)
-        departure = told  # from the law; of a black box from friction in proportion to the load
-        if self.law_parameters is None:
+        weight = float(self.loss.get("weight", WEIGHT))
+        if self.law_parameters is not None:
+            parts["consistency"] = weight * told.square().mean()
+        elif self.through == "motion":  # in noises: beside a force balance, which has none, the weight means nothing
             by_load = told.reshape(KNOTS, LOADS, -1)
-            departure = by_load - by_load.mean(1, keepdim=True)
-        parts["consistency"] = float(self.loss.get("weight", WEIGHT)) * departure.square().mean()
+            parts["consistency"] = weight * (by_load - by_load.mean(1, keepdim=True)).square().mean()
         parts["loss"] = sum(parts.values(), start=torch.zeros((), dtype=torch.float64))
         return parts
 
