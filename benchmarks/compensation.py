@@ -113,8 +113,9 @@ def closed(
     for axis, path in enumerate(paths(name, motion, moves)):
         it = change(draw(name, seed + 500_000 * axis))
         it = replace(it, stroke=stroke([path], moves))
-        believed = it.model, it.believed
-        loop = close(it.plant, controller(name), path, moves + holds, make(it), believed, INTERVAL, DELAY)
+        believed, helper = (it.model, it.believed), make(it)
+        delay = helper.plan.lag * INTERVAL if isinstance(helper, Compensator) else DELAY
+        loop = close(it.plant, controller(name), path, moves + holds, helper, believed, INTERVAL, delay)
         found.append((loop, it))
     return found
 

@@ -34,12 +34,12 @@ class Command(NamedTuple):
 class Compensator:
     """Torque that cancels the friction of an axis, once in every cycle of its controller.
 
-    The torque is F (1 + b(q_r)) + c(q_r) + d, limited. F = F(q_r, v_r, z_r; p) is the mechanism's friction, effects
+    The torque is F (1 + b(q_r)) + a |F| + c(q_r) + d, limited. F = F(q_r, v_r, z_r; p) is the mechanism's friction, effects
     included, along the reference (q_r, v_r), with a bristle z_r that is carried along it. With ``adapt`` or
     ``disturbance`` a Kalman filter on the equation of motion (see :mod:`.filter`) reads the encoder, follows the
     parameters named in ``adapt`` and estimates the disturbance d, all else that acts like a friction. With ``stroke``
     and ``uneven`` it learns what depends on the place, too: a share b of the friction and a force c, both between
-    ``cells`` places. Without any of these, it is a feed-forward; without a law (mu_c = 0), a disturbance observer.
+    ``cells`` places, and the share a by which friction is higher one way. Without any of these, it is a feed-forward; without a law (mu_c = 0), a disturbance observer.
 
     It cannot pump energy into an axis that is to rest: all that feeds back moves to its newest value at the rate
     w = v_r^2 / (v_r^2 + still^2), so at v_r = 0 the torque is a constant, and the work of a constant torque over any
@@ -61,7 +61,7 @@ class Compensator:
             What the equations leave out above it (an elastic gear, the delay's error) is left to the controller.
         stroke: first and last position between which b and c are learned; None: nowhere.
         cells: number of places in it.
-        uneven: standard deviation of b, and of c as a share of the dry friction; 0: neither is learned.
+        uneven: standard deviation of a, b, and of c as a share of the dry friction; 0: none is learned.
         still: speed of the reference at which half of the feedback is let through; None: ten steps of the encoder a
             second.
         limit: largest torque to add, in the unit of force.
@@ -123,7 +123,8 @@ class Compensator:
         self._k, cells = len(self.adapt), int(cells) if high > low and uneven > 0 else 0
         if filters := bool(adapt or disturbance or cells):
             _loop(interval, delay, bandwidth)
-        surface = np.repeat([uneven * dry_friction(mechanism, parameters), uneven], cells)
+        level = uneven * dry_friction(mechanism, parameters)
+        surface = np.array([level] * cells + [uneven] * (cells + (cells > 0)))
         size, width = THETA + self._k + len(surface), (high - low) / max(cells - 1, 1)
         clocks = [(n_u - len(mechanism.clocks) + i, int(symbol != TRIAL)) for i, symbol in enumerate(mechanism.clocks)]
         w, m = 2 * math.pi * bandwidth, inertia(pointer(plain.newton), p, self.kernels.sizes)

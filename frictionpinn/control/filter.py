@@ -2,12 +2,12 @@
 
 The machine deviates from the reference by (e, v_e), and
 
-    m v_e' = (u - T(p)) - d - c(q_r) - b(q_r) F_r,    e' = v_e,    d' = noise,    theta' = noise,    p = p_0 exp(theta),
+    m v_e' = (u - T(p)) - d - c(q_r) - b(q_r) F_r - a |F_r|,    e' = v_e,    d' = noise,    theta' = noise,    p = p_0 exp(theta),
 
 where u is the torque that acts, T(p) what the motion takes with its friction F_r, m = dT/da_r at p_0, d the disturbance
 that no law explains and theta the logarithms of the parameters that adapt. c and b are what depends on the place: a
 force (a gear's cogging) and a share of the friction (a tight guide, a gear's mesh), linear between ``cells`` places
-along the stroke, Gaussian processes beforehand. All that is linear but for p, so the filter needs no Jacobian of the
+along the stroke, Gaussian processes beforehand; a is the share by which friction is higher one way. All that is linear but for p, so the filter needs no Jacobian of the
 contact, whose sign of the velocity a noisy encoder cannot tell at a reversal; what friction does at a reversal the
 reference tells without noise. The covariance holds but for its scale: that is the mean square of the normalised
 innovations of the last half second.
@@ -38,7 +38,7 @@ FURTHEST = 1.3862943611198906  # log 4: the furthest that a parameter may go fro
 ALIKE = 2.0  # places over which c and b are alike: standard deviation of the Gaussian that correlates them
 RESOLVED = 0.2  # 1 / (w T) at which half is learned of places that pass within T: five time constants of the observer
 ROUND_OFF = 1e-6  # share of their variance that is each place's own, so that the covariance is positive
-DEVIATION, SPEED, DISTURBANCE, THETA = 0, 1, 2, 3  # places in X; theta from the last on, then c, then b
+DEVIATION, SPEED, DISTURBANCE, THETA = 0, 1, 2, 3  # places in X; theta from the last on, then c, b and a
 EXCESS, POSITION, VELOCITY, ACCELERATION, FRICTION, SLOPES = range(6)  # columns of ``past``; dT/dtheta last
 MEMORY_OF_SCALE = 0.5  # s: over which the squares of the innovations are averaged
 TIME, FEEDBACK, TORQUE, SCALE, LAST = range(5)  # places in ``held``
@@ -60,8 +60,8 @@ class Plan(NamedTuple):
         inertia: m, as first known.
         noise: variance of a reading of the position.
         walk: spectral density of the disturbance's rate, force^2/s.
-        walks: the same of theta, 1/s, of c and of b, shape (k + 2 cells,).
-        spread: standard deviations of d, theta, c and b at the start, shape (1 + k + 2 cells,).
+        walks: the same of theta, 1/s, of c, b and a, shape (k + 2 cells + 1,); without cells (k,).
+        spread: standard deviations of d, theta, c, b and a at the start, of d and walks.
         still: speed of the reference at which half of the feedback is let through.
         passing: speed of the reference at which half of what is learned by place is.
         limit: largest torque.
@@ -100,7 +100,7 @@ class Memory(NamedTuple):
 
     Attributes:
         X, P: state of the filter and its covariance, shape (n,) and (n, n) with
-            n = 3 + k + 2 cells.
+            n = 3 + k + 2 cells + 1; without cells 3 + k.
         s, w: state and unknowns of the mechanism along the reference.
         Z: derivative of s in theta, shape (n_s, k).
         p: parameters in force, which follow the filter's while the reference moves.
@@ -122,7 +122,7 @@ class Memory(NamedTuple):
 
 @njit(**OPTIONS)
 def slopes(plan, past, weight, found):
-    """Add ``weight`` times the derivatives in d, theta, c and b of the torque in a row of ``past`` to ``found``."""
+    """Add ``weight`` times the derivatives in d, theta, c, b and a of the torque in a row of ``past`` to ``found``."""
     k, n = plan.places.shape[0], plan.cells
     found[DISTURBANCE] += weight
     for i in range(k):
@@ -133,6 +133,7 @@ def slopes(plan, past, weight, found):
         for place, share in ((THETA + k + i, 1.0 - (x - i)), (THETA + k + i + 1, x - i)):
             found[place] += weight * share
             found[place + n] += weight * share * past[FRICTION]
+        found[THETA + k + 2 * n] += weight * abs(past[FRICTION])
 
 
 @njit(**OPTIONS)
@@ -179,12 +180,28 @@ def predict(plan, memory, share):
 
 
 @njit(**OPTIONS)
+def asked(plan, past):
+    """Position and velocity of the reference now, which is that of a cycle some time ago."""
+    nearest = min(int(plan.lag + 1.0), past.shape[0] - 1)
+    since = (nearest - plan.lag - 0.5) * plan.h
+    v, a = past[nearest, VELOCITY], past[nearest, ACCELERATION]
+    return past[nearest, POSITION] + since * (v + 0.5 * since * a), v + since * a
+
+
+@njit(**OPTIONS)
+def wait(plan, memory, reading):
+    """Before the first command acts the axis rests, while its reference may move; how it breaks away is not known."""
+    q, v = asked(plan, memory.past)
+    memory.X[SPEED], memory.P[SPEED, SPEED] = -v, v * v
+    if np.isfinite(reading):
+        memory.X[DEVIATION] = reading - q
+
+
+@njit(**OPTIONS)
 def correct(plan, memory, reading, share):
     """Take in a reading of the position; at rest, where static friction hides what acts, all but e and v_e stay."""
     X, P, past, n = memory.X, memory.P, memory.past, memory.X.shape[0]
-    nearest = min(int(plan.lag + 1.0), past.shape[0] - 1)  # the reference of now is that of a cycle some time ago
-    since = (nearest - plan.lag - 0.5) * plan.h
-    here = past[nearest, POSITION] + since * (past[nearest, VELOCITY] + 0.5 * since * past[nearest, ACCELERATION])
+    here, _ = asked(plan, past)
     variance = P[0, 0] + plan.noise
     if not (np.isfinite(reading) and variance > 0.0):
         return
@@ -197,7 +214,7 @@ def correct(plan, memory, reading, share):
     memory.held[SCALE] += share * plan.h / MEMORY_OF_SCALE * (error * error / variance - memory.held[SCALE])
     for i in range(DISTURBANCE, n):
         gain[i] *= share
-    for i in range(THETA + k, n):
+    for i in range(THETA + k, THETA + k + 2 * plan.cells):
         gain[i] /= 1.0 + (past[0, VELOCITY] / plan.passing) ** 2
     row = P[0].copy()
     for i in range(n):
@@ -214,10 +231,14 @@ def correct(plan, memory, reading, share):
 
 @njit(**OPTIONS)
 def begin(plan, memory, reference, reading):
-    """Start at rest where the position is, nothing known of d, theta, c and b but their spread."""
+    """Start at rest where the position is, nothing known of d, theta, c, b and a but their spread."""
     memory.X[:], memory.P[:, :], memory.s[:], memory.w[:], memory.held[:] = 0.0, 0.0, 0.0, 0.0, 0.0
     memory.past[:, :], memory.Z[:, :] = 0.0, 0.0
-    memory.past[:, POSITION] = reference[0]
+    v, a = reference[1], reference[2]
+    for i in range(memory.past.shape[0]):  # until now the reference came from rest at a constant acceleration
+        back = min(i * plan.h, v / a) if v * a > 0.0 else 0.0
+        memory.past[i, POSITION] = reference[0] - back * (v - 0.5 * a * back)
+        memory.past[i, VELOCITY] = v - a * back
     memory.p[:], memory.held[SCALE] = plan.p, 1.0
     if np.isfinite(reading):
         memory.X[DEVIATION] = reading - reference[0]

@@ -33,6 +33,7 @@ from .filter import (
     correct,
     predict,
     slopes,
+    wait,
 )
 
 ITERATIONS = 12  # of Newton's method for what remembers, at most: the laws are linear in it and take two
@@ -141,13 +142,15 @@ def cycle(plan: Plan, memory: Memory, reference, reading, torque, result):
     else:
         past[0, EXCESS] = torque - held[TORQUE]
         held[TIME] += plan.h
-        if plan.filters:
+        if plan.filters and memory.begun[0] >= plan.lag + 1.0:
             predict(plan, memory, share)
         for i in range(past.shape[0] - 1, 0, -1):
             past[i] = past[i - 1]
     memory.begun[0] += 1
     past[0, POSITION], past[0, VELOCITY], past[0, ACCELERATION] = reference[0], reference[1], reference[2]
-    if plan.filters and memory.begun[0] > 1:
+    if plan.filters and memory.begun[0] < plan.lag + 2.0:
+        wait(plan, memory, reading)
+    elif plan.filters:
         correct(plan, memory, reading, share)
     for i in range(k):
         place = plan.places[i]

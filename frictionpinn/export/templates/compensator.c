@@ -10,6 +10,7 @@ enum {
     K = COMPENSATOR_ADAPTED,
     N = COMPENSATOR_FILTER,
     CELLS = $cells, /* places along the stroke */
+    SURFACE = 2 * CELLS + (CELLS > 0),
     PAST = COMPENSATOR_PAST,
     OUT = NW + NW * (NS + NW) + 1
 };
@@ -21,8 +22,8 @@ const char *const compensator_names[COMPENSATOR_PARAMETERS] = {$names};
 static const double first[COMPENSATOR_PARAMETERS] = {$p};
 static const double known[COMPENSATOR_PARAMETERS] = {$known};
 static const int places[K + 1] = {$places};
-static const double walks[K + 2 * CELLS + 1] = {$walks};
-static const double spread[K + 2 * CELLS + 2] = {$spread};
+static const double walks[K + SURFACE + 1] = {$walks};
+static const double spread[K + SURFACE + 2] = {$spread};
 static const double h = $h, lag = $lag, inertia = $inertia, noise = $noise, walk = $walk, still = $still,
                     passing = $passing, limit = $limit, gain_of_all = $gain, low = $low, width = $width;
 
@@ -171,6 +172,7 @@ static void slopes(const double *past, double weight, double *found)
         found[place + CELLS] += weight * (1.0 - share) * past[FRICTION];
         found[place + 1] += weight * share;
         found[place + 1 + CELLS] += weight * share * past[FRICTION];
+        found[N - 1] += weight * fabs(past[FRICTION]);
     }
 }
 
@@ -216,15 +218,34 @@ static void predict(compensator *c, double share)
     }
     c->covariance[1][0] = c->covariance[0][1];
     c->covariance[DISTURBANCE][DISTURBANCE] += walk * h * share;
-    for (i = 0; i < K + 2 * CELLS; i++)
+    for (i = 0; i < K + SURFACE; i++)
         c->covariance[THETA + i][THETA + i] += walks[i] * h * share;
+}
+
+/* Position and velocity of the reference now, which is that of a cycle some time ago. */
+static double asked(const compensator *c, double *velocity)
+{
+    const int nearest = (int)(lag + 1.0) < PAST - 1 ? (int)(lag + 1.0) : PAST - 1;
+    const double since = (nearest - lag - 0.5) * h, *then = c->past[nearest];
+    *velocity = then[VELOCITY] + since * then[ACCELERATION];
+    return then[POSITION] + since * (then[VELOCITY] + 0.5 * since * then[ACCELERATION]);
+}
+
+/* Before the first command acts the axis rests, while its reference may move; how it breaks away is not known. */
+static void wait(compensator *c, double reading)
+{
+    double v;
+    const double q = asked(c, &v);
+    c->x[SPEED] = -v;
+    c->covariance[SPEED][SPEED] = v * v;
+    if (isfinite(reading))
+        c->x[DEVIATION] = reading - q;
 }
 
 static void correct(compensator *c, double reading, double share)
 {
-    const int nearest = (int)(lag + 1.0) < PAST - 1 ? (int)(lag + 1.0) : PAST - 1;
-    const double since = (nearest - lag - 0.5) * h, *then = c->past[nearest];
-    const double here = then[POSITION] + since * (then[VELOCITY] + 0.5 * since * then[ACCELERATION]);
+    double then;
+    const double here = asked(c, &then);
     const double variance = c->covariance[0][0] + noise;
     double gain[N], row[N], shown, error, reach;
     int i, j;
@@ -240,7 +261,7 @@ static void correct(compensator *c, double reading, double share)
     for (i = 0; i < N; i++) {
         row[i] = c->covariance[0][i];
         gain[i] = row[i] / variance * (i < DISTURBANCE ? 1.0 : share);
-        if (i >= THETA + K)
+        if (i >= THETA + K && i < THETA + K + 2 * CELLS)
             gain[i] /= 1.0 + c->past[0][VELOCITY] / passing * (c->past[0][VELOCITY] / passing);
         c->x[i] += gain[i] * (i < THETA ? shown : error);
     }
@@ -267,13 +288,18 @@ static void begin(compensator *c, const double *reference, double reading)
     memset(c, 0, sizeof *c);
     memcpy(c->p, first, sizeof first);
     c->scale = 1.0;
-    for (i = 0; i < PAST; i++)
-        c->past[i][POSITION] = reference[0];
+    for (i = 0; i < PAST; i++) {
+        const double v = reference[1], a = reference[2], back = v * a > 0.0 ? least(i * h, v / a) : 0.0;
+        c->past[i][POSITION] = reference[0] - back * (v - 0.5 * a * back);
+        c->past[i][VELOCITY] = v - a * back;
+    }
     if (isfinite(reading))
         c->x[DEVIATION] = reading - reference[0];
     c->covariance[0][0] = noise;
     for (i = 0; i < 1 + K; i++)
         c->covariance[DISTURBANCE + i][DISTURBANCE + i] = spread[i] * spread[i];
+    if (CELLS)
+        c->covariance[N - 1][N - 1] = spread[K + SURFACE] * spread[K + SURFACE];
     for (i = 0; i < CELLS; i++)
         for (j = 0; j < CELLS; j++) {
             const double away = (i - j) / $alike, alike = exp(-0.5 * (away * away)) + (i == j ? $round_off : 0.0);
@@ -294,7 +320,7 @@ compensator_command compensator_update(compensator *c, const double reference[3]
     } else {
         c->past[0][EXCESS] = torque - c->wanted;
         c->time += h;
-        if ($filters)
+        if ($filters && c->begun >= lag + 1.0)
             predict(c, share);
         memmove(c->past[1], c->past[0], sizeof c->past - sizeof c->past[0]);
     }
@@ -302,7 +328,9 @@ compensator_command compensator_update(compensator *c, const double reference[3]
     c->past[0][POSITION] = reference[0];
     c->past[0][VELOCITY] = reference[1];
     c->past[0][ACCELERATION] = reference[2];
-    if ($filters && c->begun > 1)
+    if ($filters && c->begun < lag + 2.0)
+        wait(c, position);
+    else if ($filters)
         correct(c, position, share);
     for (i = 0; i < K; i++)
         c->p[places[i]] += share * (first[places[i]] * exp(c->x[THETA + i]) - c->p[places[i]]);
