@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from compensation import CHOICES, DELAY, INTERVAL, REFERENCES, TUNING, closed, compensator, config, figures
@@ -36,7 +37,7 @@ RUNGS: dict[str, tuple[str, ...]] = {
 }
 
 
-def told(it: Draw, knows: tuple[str, ...], options: dict[str, float]) -> Compensator | None:
+def told(it: Draw, knows: tuple[str, ...], options: dict[str, Any]) -> Compensator | None:
     """Our estimator with true values in the place of what is believed."""
     truth, believed, model = it.plant.parameters, dict(it.believed), it.model
     if "effect" in knows:
@@ -58,7 +59,7 @@ def finer(it: Draw) -> Draw:
 
 def oracle(chosen: dict, kinds: Iterable[str] = tuple(KINDS)) -> None:
     """Rms error of every rung relative to the oracle's, medians over seeds."""
-    found = kept("oracle", kinds)
+    found, last = kept("oracle", kinds), "knows all"
     for name in kinds:
         chosen_here = {CHOICES["estimator"][0]: chosen[name]["estimator"]}
         wide = {key: 2 * value for key, value in chosen_here.items()}
@@ -67,6 +68,8 @@ def oracle(chosen: dict, kinds: Iterable[str] = tuple(KINDS)) -> None:
         rows: dict[str, list[float]] = {}
         for title, knows in RUNGS.items():
             rows[title] = [_ratio(name, m, _maker(knows, chosen_here), base[m]) for m in REFERENCES]
+        nothing = {**chosen_here, "uneven": 0.0, "adapt": {}, "spread": {}}
+        rows[f"{last}, learns nothing"] = [_ratio(name, m, _maker(RUNGS[last], nothing), base[m]) for m in REFERENCES]
         rows["bandwidth twice as high"] = [_ratio(name, m, _maker((), wide), base[m]) for m in REFERENCES]
         rows["finer encoder, both"] = [_ratio(name, m, _maker((), chosen_here), fine[m], finer) for m in REFERENCES]
         found[name] = rows
@@ -104,7 +107,7 @@ def _table(found: dict) -> list[str]:
     return lines
 
 
-def _maker(knows: tuple[str, ...], options: dict[str, float]) -> Callable[[Draw], Compensator | None]:
+def _maker(knows: tuple[str, ...], options: dict[str, Any]) -> Callable[[Draw], Compensator | None]:
     return lambda it: told(it, knows, options)
 
 

@@ -132,8 +132,10 @@ def anywhere(it: Draw) -> Compensator:
     return own
 
 
+FASTER = dict.fromkeys(config("estimator")["adapt"], 0.1)
 WAYS: dict[str, Callable[[Draw], Compensator | None]] = {
     "our estimator, default": lambda it: compensator("estimator", it),
+    "parameters change by 10 % in a second": lambda it: compensator("estimator", it, adapt=FASTER),
     "places learned at any speed": anywhere,
     "nothing learned by place": lambda it: compensator("estimator", it, uneven=0.0),
     "nothing learned but the disturbance": lambda it: compensator("estimator", it, uneven=0.0, adapt={}, spread={}),

@@ -11,6 +11,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 pytest.importorskip("mujoco", reason="needs the extra: pip install -e '.[mujoco]'")
 
+from compensation import closed, compensator, figures
 from compensation_plants import ERROR, KINDS, LOAD, draw
 
 from frictionpinn.control import close, reference, tuned
@@ -52,3 +53,15 @@ def test_an_arm_behind_an_elastic_gear_takes_the_torque_of_the_joint_of_our_simu
     ours, foreign = (loop.torque[500:] for loop in loops)
     # where friction turns over, the gear's spring winds up first: the median leaves that out
     assert np.median(np.abs(foreign - ours)) < 0.05 * own.parameters["W_cos"]
+
+
+def test_the_oracle_that_knows_the_delay_of_its_axis_is_better_than_one_that_is_told_another():
+    seed = next(seed for seed in range(20) if draw("stage", seed).plant.delay == 2e-3)
+
+    def told(delay: float):
+        def make(it):
+            return compensator("oracle", replace(it, plant=replace(it.plant, delay=delay)))
+
+        return figures(closed("stage", "slow triangle", seed, make, holds=0.0, moves=4.0), ends=4.0)["rms"]
+
+    assert told(2e-3) < 0.8 * told(1.5e-3)

@@ -191,6 +191,11 @@ class Compensator:
         """What is estimated to act beside the mechanism's friction, counted as friction is, in the unit of force."""
         return float(self.memory.X[DISTURBANCE])
 
+    @property
+    def asymmetry(self) -> float:
+        """Share by which friction was learned to be higher where the velocity is positive."""
+        return float(self.memory.X[-1]) if self.plan.cells else 0.0
+
 
 def actuator(mechanism: Mechanism) -> str:
     """Name of the input that moves the axis."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from axes import DRIVE, TRUTH, estimator
+from axes import DELAY, DRIVE, RESOLUTION, TRUTH, WRONG, estimator, gains, plant
 
 import frictionpinn as fp
 from frictionpinn.control import Plant, close, reference, tuned
@@ -62,3 +62,22 @@ def moved_by(glitch: dict[int, float]) -> float:
 def test_a_reading_alone_is_taken_for_a_glitch_and_two_that_agree_for_the_axis():
     assert moved_by({400: 1e-3}) < 0.6  # by six standard deviations, not by a millimetre
     assert moved_by(dict.fromkeys(range(400, 410), 1e-3)) > 1.0
+
+
+@pytest.mark.parametrize("asymmetry", [0.15, -0.15])
+def test_friction_that_is_higher_one_way_is_learned_and_later_reversals_are_followed_better(asymmetry):
+    made = fp.compensate(DRIVE, WRONG, delay=DELAY, resolution=RESOLUTION, stroke=(-5e-3, 5e-3))
+    axis, path = plant("asymmetry", asymmetry=asymmetry), reference("triangle", 5e-3, 2.0)
+    loop = close(axis, gains(), path, 9.0, made, (DRIVE, WRONG), delay=DELAY)
+    assert made.asymmetry == pytest.approx(asymmetry, abs=0.4 * abs(asymmetry))
+    early, late = (np.std(loop.error[first : first + 2000]) for first in (1000, 7000))
+    assert late < 0.75 * early
+
+
+def test_an_axis_that_waits_for_its_first_command_is_not_taken_for_one_with_other_parameters():
+    made = fp.compensate(DRIVE, TRUTH, delay=2e-3, resolution=RESOLUTION, stroke=(-5e-3, 5e-3))
+    late = Plant(DRIVE, TRUTH, RESOLUTION, 2e-3, 30.0)
+    close(late, gains(), reference("triangle", 5e-3, 4.0), 0.1, made, (DRIVE, TRUTH), delay=2e-3)
+    for name in made.adapt:
+        if name in TRUTH:
+            assert made.parameters[name] == pytest.approx(TRUTH[name], rel=0.05)
