@@ -34,12 +34,13 @@ class Command(NamedTuple):
 class Compensator:
     """Torque that cancels the friction of an axis, once in every cycle of its controller.
 
-    The torque is F (1 + b(q_r)) + a |F| + c(q_r) + d, limited. F = F(q_r, v_r, z_r; p) is the mechanism's friction, effects
-    included, along the reference (q_r, v_r), with a bristle z_r that is carried along it. With ``adapt`` or
+    The torque is F (1 + b(q_r)) + a |F| + c(q_r) + d, limited. F = F(q_r, v_r, z_r; p) is the mechanism's friction,
+    effects included, along the reference (q_r, v_r), with a bristle z_r that is carried along it. With ``adapt`` or
     ``disturbance`` a Kalman filter on the equation of motion (see :mod:`.filter`) reads the encoder, follows the
     parameters named in ``adapt`` and estimates the disturbance d, all else that acts like a friction. With ``stroke``
-    and ``uneven`` it learns what depends on the place, too: a share b of the friction and a force c, both between
-    ``cells`` places, and the share a by which friction is higher one way. Without any of these, it is a feed-forward; without a law (mu_c = 0), a disturbance observer.
+    and ``uneven`` it learns what a surface may show, too: a share b of the friction and a force c, both between
+    ``cells`` places, and the share a by which friction is higher one way. Without any of these, it is a feed-forward;
+    without a law (mu_c = 0), a disturbance observer.
 
     It cannot pump energy into an axis that is to rest: all that feeds back moves to its newest value at the rate
     w = v_r^2 / (v_r^2 + still^2), so at v_r = 0 the torque is a constant, and the work of a constant torque over any

@@ -2,15 +2,17 @@
 
 The machine deviates from the reference by (e, v_e), and
 
-    m v_e' = (u - T(p)) - d - c(q_r) - b(q_r) F_r - a |F_r|,    e' = v_e,    d' = noise,    theta' = noise,    p = p_0 exp(theta),
+    m v_e' = (u - T(p)) - d - c(q_r) - b(q_r) F_r - a |F_r|,
+    e' = v_e,    d' = noise,    theta' = noise,    p = p_0 exp(theta),
 
 where u is the torque that acts, T(p) what the motion takes with its friction F_r, m = dT/da_r at p_0, d the disturbance
 that no law explains and theta the logarithms of the parameters that adapt. c and b are what depends on the place: a
 force (a gear's cogging) and a share of the friction (a tight guide, a gear's mesh), linear between ``cells`` places
-along the stroke, Gaussian processes beforehand; a is the share by which friction is higher one way. All that is linear but for p, so the filter needs no Jacobian of the
-contact, whose sign of the velocity a noisy encoder cannot tell at a reversal; what friction does at a reversal the
-reference tells without noise. The covariance holds but for its scale: that is the mean square of the normalised
-innovations of the last half second.
+along the stroke, Gaussian processes beforehand; a is the share by which friction is higher one way. All that is linear
+but for p, so the filter needs no Jacobian of the contact, whose sign of the velocity a noisy encoder cannot tell at a
+reversal; what friction does at a reversal the reference tells without noise. A command acts late: until the first one
+does, the axis rests while its reference may move, which is not friction. The covariance holds but for its scale: that
+is the mean square of the normalised innovations of the last half second.
 
 What is found is fed back, and the loop through the axis must bear it. m stays as first known and (e, v_e, d) follow
 whatever the encoder shows, so they are a linear observer whose gain no learned inertia changes: with its low-pass Q,
