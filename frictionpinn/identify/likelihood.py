@@ -5,10 +5,13 @@ that follows is another motion. And what is sampled jumps: a stop one sample lat
 acceleration, and a small change of the parameters changes nothing (laws without memory are not asked beside a jump, see
 :func:`frictionpinn.identify.build.beside_jumps`). So the search goes
 
-1. over short windows, each begun anew from what was measured, at a coarse resolution in time: a design over what the
-   sliding samples do not tell, the best refined (:func:`frictionpinn.identify.start.find_start`);
-2. over whole trials, noisy inputs among the unknowns, from that resolution to the single sample, each minimum the start
-   of the next (:func:`_whole`), at the noise levels that the residuals show (:func:`_settled`);
+1. over whole trials, noisy inputs among the unknowns, held to the motion that was measured and let go of, each minimum
+   the start of the next (:func:`frictionpinn.identify.tether.let_go`), at the noise levels that the residuals show
+   (:func:`_settled`);
+2. where that leaves what is not white: over short windows, each begun anew from what was measured, at a coarse
+   resolution in time, a design over what the sliding samples do not tell, the best refined
+   (:func:`frictionpinn.identify.start.find_start`); from these over whole trials, from that resolution to the single
+   sample (:func:`_whole`);
 3. around what was found, by ways that show other minima (:func:`minima_around`). Trials share the parameters alone: the
    likelihood has its minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each
    trial has been there, and they are put together (:func:`frictionpinn.numerics.descent.assembled`).
@@ -19,6 +22,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,7 +31,6 @@ from ..data.recording import Recording
 from ..errors import UserError
 from ..numerics.descent import (
     CLOSELY,
-    GIVEN,
     KNOWN,
     Evaluate,
     Solution,
@@ -40,7 +43,6 @@ from ..numerics.descent import (
     same_minimum,
 )
 from ..numerics.parallel import in_parallel
-from ..numerics.simulate import ContactLost, SimulationFailed
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.base import plain_name
 from ..physics.mechanism import Mechanism
@@ -48,12 +50,10 @@ from ..progress import counted
 from .problem import Problem
 from .result import Estimate, Minimum
 from .start import find_start
+from .tether import Found, followed, let_go
 from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours
 
-# Log-likelihood at a resolution, in units of what residuals are worth there (:attr:`State.unit`): another search that
-# is as near is followed to the next one as well; 400 to 1.
-AS_NEAR = 6.0
 ELSEWHERE = 0.1  # in log u: starts that are closer are the same
 KICKS = tuple(np.geomspace(12.0, 1.0, 8))  # standard errors to where searches for other minima begin
 AT_ONCE = 2  # of these: not the number of cores, on which no result may depend
@@ -63,8 +63,6 @@ UNTOLD_REST = 3.0  # standard deviations of the noise: from where samples tell t
 BARELY = 3e-5  # m/s or rad/s: three times the usual v_t, slip that mobilises all the friction of a law without memory
 LOUD = 20.0  # times the noise by differences: residuals over windows that are larger set the level
 NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
-
-Found = tuple[Solution, tuple[TrialModel, ...]]  # where a search ended, and the models of the trials there
 
 
 def maximum_likelihood(
@@ -104,13 +102,18 @@ def maximum_likelihood(
     else:
         problem = Problem(mechanism, recording, **options)
     before = problem.simulations
-    starts = find_start(problem, start)
-    sigmas = _sigmas_over_windows(problem, starts[0].state) if starts else dict(problem.sigmas)
-    ends = _whole(problem, starts, sigmas)
-    if not ends:
-        return failed(problem, time.perf_counter() - began, problem.simulations - before)
-    models = ends[0][1]
-    solution, sigmas = _settled(problem, models, ends[0][0], sigmas)
+    given = [problem.start] if start is None else [problem.start, problem.start | dict(start)]
+    ends = let_go(problem, [problem.space.to_search(p) for p in given], problem.sigmas)
+    settled = _settled(problem, ends[0][1], ends[0][0], dict(problem.sigmas)) if ends else None
+    if settled is None or not _white(problem, settled[0].state):  # another start may explain more
+        starts = find_start(problem, start)
+        sigmas = _sigmas_over_windows(problem, starts[0].state) if starts else dict(problem.sigmas)
+        ends = [*_whole(problem, starts, sigmas), *_again(problem, ends[:1], sigmas)]
+        ends.sort(key=lambda end: end[0].state.cost)
+        if not ends:
+            return failed(problem, time.perf_counter() - began, problem.simulations - before)
+        settled = _settled(problem, ends[0][1], ends[0][0], sigmas)
+    (solution, sigmas), models = settled, ends[0][1]
     minima = [solution]
     if thorough:
         others = [end.state for end, _ in ends[1:]]
@@ -119,8 +122,7 @@ def maximum_likelihood(
 
     evaluate = problem.evaluator(models, sigmas)
     beside = neighbours(evaluate, solution.state, problem.space.limits) if len(minima) > 1 else []
-    rows = {name: [piece.residuals[name] for piece in solution.state.pieces] for name in problem.channels.outputs}
-    white = whiteness(rows, round(problem.resolutions[0] / problem.interval)) > SIGNIFICANCE
+    white = _white(problem, solution.state)
     minimum = Minimum(solution.state, tuple(models), solution.reason, tuple(minima))
     spent = time.perf_counter() - began, problem.simulations - before
     return finish(problem, minimum, sigmas, *spent, beside=beside, profiles=profiles, white=white)
@@ -197,54 +199,38 @@ def beginnings(problem: Problem, state: State) -> list[State]:
     return made
 
 
+def _white(problem: Problem, state: State) -> bool:
+    """Whether what a fit leaves of the outputs is white."""
+    rows = {name: [piece.residuals[name] for piece in state.pieces] for name in problem.channels.outputs}
+    return whiteness(rows, round(problem.resolutions[0] / problem.interval)) > SIGNIFICANCE
+
+
 def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, float]) -> list[Found]:
-    """Fits of the whole trials, best first: all starts at the coarsest resolution, and from one resolution to the next
-    the best of these. Another stays beside it as long as it is about as good but elsewhere. (What the windows cost
-    ranks no starts: their inputs are as measured, and a noisy push moves a stop.)
+    """Fits of the whole trials from starts over windows, best first: from the coarsest resolution to the sample. (What
+    the windows cost ranks no starts: their inputs are as measured, and a noisy push moves a stop.)
     """
-    limits, widths = problem.space.limits, problem.resolutions
     distinct: list[State] = []
     for start in starts:
         if not any(_alike(start.state, other) for other in distinct):
             distinct.append(start.state)
-    begun = [pair for state in distinct if (pair := _begun(problem, state.u)) is not None]
-    ends = [(Solution(state, GIVEN), models) for state, models in begun]
+    stages = [partial(problem.evaluator, sigmas=sigmas, width=width) for width in problem.resolutions]
+    return followed(problem, [state.u for state in distinct], stages)
 
-    def followed(ends: Sequence[Found], width: float) -> list[Found | None]:
-        def follow(k: int) -> Found | None:
-            (first, models), far = ends[k], width == widths[0]
-            found = coarse_to_fine(problem.evaluator(models, sigmas), first.state, limits, [width], far=far)
-            return None if found is None else (found, models)
 
-        return in_parallel(follow, [1.0] * len(ends), f"whole trials at {width:.2g} s" if width else "whole trials")
-
-    for width in widths:
-        made = followed(ends, width)
-        if lower := sorted(filter(None, made), key=lambda end: end[0].state.cost):
-            best = lower[0][0].state
-            ends = lower[:1]
-            for end in lower[1:]:
-                near = end[0].state.cost <= best.cost + AS_NEAR * best.unit
-                if not width or (near and not any(same_minimum(other.state, end[0].state) for other, _ in ends)):
-                    ends.append(end)
-        elif width == widths[0]:
-            return []
-    return ends
+def _again(problem: Problem, ends: Sequence[Found], sigmas: Mapping[str, float]) -> list[Found]:
+    """Minima at other noise levels."""
+    made = []
+    for end, models in ends:
+        evaluate = problem.evaluator(models, sigmas)
+        if (first := evaluate(end.state.u, end.state.locals, True)) is not None:
+            made.append((levenberg_marquardt(evaluate, first, problem.space.limits, **CLOSELY), models))
+    return made
 
 
 def _alike(start: State, other: State) -> bool:
     """Whether two starts are the same, as far as the windows tell."""
     near = np.abs(start.u - other.u).max() < ELSEWHERE
     return bool(near or (other.curved and same_minimum(other, start)))
-
-
-def _begun(problem: Problem, u: np.ndarray) -> tuple[State, tuple[TrialModel, ...]] | None:
-    """The whole trials at a search vector as they were measured, and their models; None where they cannot be."""
-    try:
-        models = problem.models_at(u)
-    except (ContactLost, SimulationFailed):
-        return None
-    return State(u, tuple(model.local[: model.size(problem.joint)] for model in models), ()), models
 
 
 def _settled(

@@ -133,7 +133,7 @@ class Scales:
         start: name -> start value of the free parameters, SI units.
         masses: contact -> mass that it feels; None where no inertia takes part.
         sizes: how large parameters are on this data.
-        alone: name -> what mu_c or sigma_2 would be if it made all the friction.
+        alone: name -> what mu_c or sigma_2 would be if it made all the friction, and mu_s beside such a mu_c.
     """
 
     start: dict[str, float]
@@ -169,8 +169,10 @@ class Scales:
             largest = max((found[name] * unit for name, unit in shares.items()), default=0.0)
             alone |= {name: largest / unit for name, unit in shares.items()}
             found |= {name: max(found[name], WEAKEST * alone[name]) for name in shares}
+            if mu in shares:
+                alone[at_contact(contact.name, "mu_s")] = (1 + EXCESS) * alone[mu]
             mu_c = found.get(mu, known.get(mu, 1.0))
-            force = mu_c * load
+            force = max(mu_c * load, largest)  # what slides looks viscous to noisy data; bristles may carry all of it
             if not contact.law.parameters and mass:  # no friction: what its motion needs
                 force = mass * acceleration
             stiffness = fixed.get(bristle, force / (1e-2 * velocity**2 / acceleration))
@@ -183,7 +185,7 @@ class Scales:
             times, places = [motion.model.t for motion in at], [motion.position for motion in at]
             scales = data_scales(times, places, slips, [np.ones(1) * load])
             turns = contact.system.slip_unit == "rad"
-            sizes[contact.name] = Sizes(scales, velocity, max(force, largest), turns)
+            sizes[contact.name] = Sizes(scales, velocity, force, turns)
         first, *others = sizes.values()
         whole = SizesByContact(**vars(first), contacts=sizes) if others else first
         declared = {par.name for par in (*mechanism.system.parameters, *mechanism.law.parameters)}

@@ -128,6 +128,7 @@ class Problem:
         trials: Sequence[TrialModel] | None = None,
         joint: bool | None = None,
         prior: bool = True,
+        counted: bool = False,
     ) -> Problem:
         """A new problem over the same recording; what is not given stays as it is here.
 
@@ -141,12 +142,13 @@ class Problem:
             trials: models of the trials, where these have other unknowns.
             joint: whether the paths of noisy inputs are unknown, too.
             prior: whether what is known beforehand counts; once left out it stays so.
+            counted: whether its simulations are counted as those of this one.
 
         Raises:
             UserError: names or bounds that do not fit the mechanism.
         """
         made, values = copy(self), dict(values or {})
-        made._calls = []
+        made._calls = self._calls if counted else []
         if simulator is not None:
             made.simulator, made.mechanism = simulator, simulator.mechanism
             made.trials = tuple(replace(model, simulator=simulator) for model in self.trials)

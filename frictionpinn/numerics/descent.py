@@ -272,7 +272,6 @@ def coarse_to_fine(
     limits: Limits,
     widths: Sequence[float],
     known: Sequence[State] = (),
-    far: bool = True,
 ) -> Solution | None:
     """Follow the minimum from the unknowns ``first`` at a coarse resolution in time to a finer one.
 
@@ -283,14 +282,13 @@ def coarse_to_fine(
         evaluate, first, limits: what is minimised, from where, and within which bounds.
         widths: resolutions in time.
         known: minima at the sample, see :func:`levenberg_marquardt`.
-        far: whether the first search may leave its minimum.
     """
     found: Solution | None = None
     state = first
     for width in widths:
         at = partial(evaluate, width=width)
         begun = at(state.u, state.locals, True)
-        damping, how = 0.0 if far and found is None else NEAR, ROUGHLY if width else CLOSELY | {"known": known}
+        damping, how = 0.0 if found is None else NEAR, ROUGHLY if width else CLOSELY | {"known": known}
         found = None if begun is None else levenberg_marquardt(at, begun, limits, damping=damping, **how)
         state = state if found is None else found.state
     return found

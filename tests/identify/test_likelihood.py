@@ -104,7 +104,6 @@ def test_what_never_slides_is_named_and_its_interval_is_open():
     assert not np.isnan(list(estimate.ci95.values())).any()
     hidden = [name for name, (_, high) in estimate.ci95.items() if np.isinf(high)]
     assert hidden
-    assert estimate.outcome in ("not identified", "no excitation", "at a bound")
     for name in hidden:
         assert any(sentence.startswith(name) for sentence in estimate.advice)
 

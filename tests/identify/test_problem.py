@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from cases import case
+from omegaconf import OmegaConf
 
+from frictionpinn.data.noise import GaussianNoise
+from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem, maximum_likelihood
 from frictionpinn.numerics.simulate import Simulator
+from frictionpinn.physics import SYSTEMS
+from frictionpinn.physics.contacts import by_parameter, law_named
 from frictionpinn.physics.mechanism import Mechanism
 
 
@@ -88,3 +93,17 @@ def test_a_law_without_a_prior_is_fitted_with_an_effect_beside_it():
     assert found.minimum is not None and found.prior == {}
     low, high = found.ci95["drag"]
     assert low <= found.values["drag"] <= high < 1.0
+
+
+def test_bounds_hold_the_truth_where_noise_makes_friction_look_viscous():
+    config = OmegaConf.to_container(OmegaConf.load("conf/system/two_mass.yaml"), resolve=True)
+    made = config["simulate"]
+    mechanism = Mechanism(SYSTEMS["two_mass"](**config["parameters"]), law_named(made["friction"], "friction"))
+    truth = by_parameter(made["truth"], mechanism.law)
+    undeclared = truth | {"motor.asymmetry": -0.066}
+    clean = simulate_recording(mechanism.system, made["friction"], undeclared, made["trials"][:4], 100.0,
+                               ["asymmetry@motor"])  # fmt: skip
+    bounds = Problem(
+        mechanism, GaussianNoise(0.05)(clean, 100)
+    ).space.bounds  # sliding, the motor seems to have no mu_c
+    assert all(low <= truth[name] <= high for name, (low, high) in bounds.items())

@@ -1,0 +1,178 @@
+"""A mechanism held to the motion that was measured, and let go of step by step.
+
+Simulated over a whole trial, errors add up: a push a little too strong moves a stop, and all that follows is another
+motion. Held by a tether, a spring and a damper between the model and what was measured,
+
+    E_i + sum_k J_ki F_k + M_ii (w^2 (q_i - q_i*) + 2 w (q_i' - q_i'*)) = 0,    w = 1 / tau,
+
+it forgets an error after a few tau, and the likelihood is as smooth as over windows that short, without their edges. So
+the minimum is followed from a tether as short as a stretch of low speed to one that holds nothing over the longest
+trial.
+
+Source: Abarbanel, Creveling, Farsian, Kostuk, Dynamical state and parameter estimation, SIAM J. Appl. Dyn. Syst. 8
+(2009), who let a coupling to the data fade.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+import sympy as sp
+
+from ..numerics.descent import (
+    CLOSELY,
+    GIVEN,
+    NEAR,
+    ROUGHLY,
+    Evaluate,
+    Solution,
+    State,
+    levenberg_marquardt,
+    same_minimum,
+)
+from ..numerics.parallel import in_parallel
+from ..numerics.paths import InputPath, cubic
+from ..numerics.simulate import ContactLost, SimulationFailed, Simulator
+from ..physics.base import Parameter
+from ..physics.mechanism import Mechanism
+from ..physics.system import Coordinate
+from .motion import Motion
+from .problem import Problem
+from .trial import TrialModel
+
+# Log-likelihood at a resolution, in units of what residuals are worth there (:attr:`State.unit`): another search that
+# is as near is followed to the next one as well; 400 to 1.
+AS_NEAR = 6.0
+RATE = Parameter("tether", "1/s", "how fast the motion returns to the measured one", value=0.0)
+FADING = 2.0  # times longer is each tether than the one before
+LONGEST = 3.0  # times the longest trial: a tether that holds nothing
+
+Found = tuple[Solution, tuple[TrialModel, ...]]  # where a search ended, and the models of the trials there
+Stage = Callable[[Sequence[TrialModel]], Evaluate]  # models of the trials -> the cost that a search follows for a while
+
+
+@dataclass(frozen=True, repr=False)
+class Held(Mechanism):
+    """A mechanism with a tether at every free coordinate.
+
+    Attributes:
+        placed: signals of positions that were measured: other coordinates are held by their velocity alone.
+    """
+
+    placed: frozenset[str] = frozenset()
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the mechanism, and the tether's."""
+        return (*Mechanism(self.system, self.law, self.effects).parameters, RATE)
+
+    @property
+    def inputs(self) -> tuple[sp.Symbol, ...]:
+        """Symbols of the mechanism's inputs, then measured position and velocity of every free coordinate."""
+        return (*super().inputs, *(symbol for c in self.free for symbol in measured(c)))
+
+    @property
+    def input_signals(self) -> tuple[str, ...]:
+        """Names of the signals that fill them."""
+        return (*super().input_signals, *(symbol.name for c in self.free for symbol in measured(c)))
+
+    @cached_property
+    def residuals(self) -> tuple[sp.Expr, ...]:
+        """The mechanism's rows, the tether's force in those of the free coordinates."""
+        rows, w = list(Mechanism(self.system, self.law, self.effects).residuals), RATE.symbol
+        for k, c in enumerate(self.free):
+            (q, v, a), (place, speed) = c.symbols, measured(c)
+            back = w**2 * (q - place) if c.signals[0] in self.placed else 0
+            rows[k] = rows[k] + sp.diff(rows[k], a) * (back + 2 * w * (v - speed))
+        return tuple(rows)
+
+
+def measured(c: Coordinate) -> tuple[sp.Symbol, sp.Symbol]:
+    """Symbols of a coordinate's measured position and velocity."""
+    place, speed = sp.symbols(f"{c.name}_measured {c.name}_dot_measured", real=True)
+    return place, speed
+
+
+def let_go(problem: Problem, us: Sequence[np.ndarray], sigmas: Mapping[str, float]) -> list[Found]:
+    """Fits of the whole trials from search vectors, best first: their motion held to the measured one and let go of.
+    None where nothing holds it.
+    """
+    if (held := tethered(problem)) is None:
+        return []
+    stages = [partial(held_by, held, tau, sigmas=sigmas) for tau in tethers(problem)]
+    return followed(problem, us, [*stages, partial(problem.evaluator, sigmas=sigmas)])
+
+
+def followed(problem: Problem, us: Sequence[np.ndarray], stages: Sequence[Stage]) -> list[Found]:
+    """Fits of the whole trials, best first: all starts in the first stage, and from one stage to the next the best of
+    these. Another stays beside it as long as it is about as good but elsewhere.
+    """
+    limits, last = problem.space.limits, stages[-1]
+    begun = [pair for u in us if (pair := begun_at(problem, u)) is not None]
+    ends = [(Solution(state, GIVEN), models) for state, models in begun]
+
+    def searched(ends: Sequence[Found], stage: Stage) -> list[Found | None]:
+        def follow(k: int) -> Found | None:
+            (at, models), evaluate = ends[k], stage(ends[k][1])
+            first = evaluate(at.state.u, at.state.locals, True)
+            how = (CLOSELY if stage is last else ROUGHLY) | {"damping": 0.0 if at.reason == GIVEN else NEAR}
+            return None if first is None else (levenberg_marquardt(evaluate, first, limits, **how), models)
+
+        return in_parallel(follow, [1.0] * len(ends), "whole trials")
+
+    for stage in stages:
+        if lower := sorted(filter(None, searched(ends, stage)), key=lambda end: end[0].state.cost):
+            best, ends = lower[0][0].state, lower[:1]
+            for end in lower[1:]:
+                near = end[0].state.cost <= best.cost + AS_NEAR * best.unit
+                if stage is last or (near and not any(same_minimum(other.state, end[0].state) for other, _ in ends)):
+                    ends.append(end)
+        elif ends and ends[0][0].reason == GIVEN:
+            return []
+    return ends
+
+
+def begun_at(problem: Problem, u: np.ndarray) -> tuple[State, tuple[TrialModel, ...]] | None:
+    """The whole trials at a search vector as they were measured, and their models; None where they cannot be."""
+    try:
+        models = problem.models_at(u)
+    except (ContactLost, SimulationFailed):
+        return None
+    return State(u, tuple(model.local[: model.size(problem.joint)] for model in models), ()), models
+
+
+def tethered(problem: Problem) -> Problem | None:
+    """The problem with its motion held, not at all yet; None where no velocity or position shows it."""
+    mechanism, shown = problem.mechanism, set(problem.channels.outputs)
+    if not mechanism.free or not all(shown & set(c.signals[:2]) for c in mechanism.free):
+        return None
+    placed = frozenset(shown & {c.signals[0] for c in mechanism.free})
+    simulator = Simulator(Held(mechanism.system, mechanism.law, mechanism.effects, placed))
+    trials = [_along(motion, model, simulator) for motion, model in zip(problem.motions, problem.trials, strict=True)]
+    return problem.varied(simulator=simulator, trials=trials, values={RATE.name: 0.0}, counted=True)
+
+
+def held_by(problem: Problem, tau: float, models: Sequence[TrialModel], *, sigmas: Mapping[str, float]) -> Evaluate:
+    """The cost of a tethered problem's trials that begin like these models, the tether tau long, s."""
+    own = [replace(held, start=model.start, force_scales=model.force_scales)
+           for held, model in zip(problem.trials, models, strict=True)]  # fmt: skip
+    return problem.varied(values={RATE.name: 1 / tau}, counted=True).evaluator(own, sigmas)
+
+
+def tethers(problem: Problem) -> list[float]:
+    """Lengths tau of the tethers in time, s, the shortest first."""
+    longest = LONGEST * max(float(model.t[-1] - model.t[0]) for model in problem.trials)
+    shortest = problem.resolutions[0]
+    return [shortest * FADING**k for k in range(1 + int(np.log(longest / shortest) / np.log(FADING)))]
+
+
+def _along(motion: Motion, model: TrialModel, simulator: Simulator) -> TrialModel:
+    """The trial's model with the smoothed motion beside its inputs."""
+    signals = [motion.signals[name] for c in simulator.mechanism.free for name in c.signals[:2]]
+    paths = np.stack([cubic(model.t, samples) for samples in signals], axis=1)
+    coefficients = np.concatenate([model.base.coefficients, paths], axis=1)
+    base = InputPath(simulator.mechanism.input_signals, model.t, coefficients, model.base.session)
+    return replace(model, simulator=simulator, base=base, directions=None)

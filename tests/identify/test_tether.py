@@ -1,0 +1,80 @@
+"""A mechanism held to the motion that was measured, and let go of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cases import case
+
+from frictionpinn.identify import Problem
+from frictionpinn.identify.tether import FADING, LONGEST, RATE, held_by, let_go, tethered, tethers
+from frictionpinn.numerics.descent import levenberg_marquardt
+
+
+@pytest.fixture(scope="module")
+def box() -> tuple[Problem, dict[str, float]]:
+    mechanism, truth, _, noisy, _ = case("pob", "lugre")
+    return Problem(mechanism, noisy), truth
+
+
+def distance(problem: Problem, simulator_of: Problem, values: dict[str, float], signal: str) -> float:
+    """Root mean square distance of the simulated signal from the measured one, over all trials."""
+    p = simulator_of.fixed | values
+    rows = []
+    for model in simulator_of.trials:
+        run = model.simulate(p, model.local[: model.size(False)])
+        rows.append(run.signals[signal] - model.y[list(model.outputs).index(signal)])
+    return float(np.sqrt(np.mean(np.concatenate(rows) ** 2)))
+
+
+def test_without_tether_the_held_mechanism_moves_like_the_free_one(box):
+    problem, truth = box
+    held = tethered(problem)
+    for own, model in zip(held.trials, problem.trials, strict=True):
+        local = model.local[: model.size(False)]
+        free, same = model.simulate(problem.fixed | truth, local), own.simulate(held.fixed | truth, local)
+        np.testing.assert_allclose(same.signals["x"], free.signals["x"], atol=1e-9)
+
+
+def test_the_shorter_the_tether_the_closer_wrong_parameters_stay_to_what_was_measured(box):
+    problem, truth = box
+    wrong = truth | {"mu_c": 2 * truth["mu_c"], "mu_s": 2 * truth["mu_s"]}
+    held = tethered(problem)
+    apart = [distance(problem, held.varied(values={RATE.name: 1 / tau}), wrong, "x") for tau in (0.01, 0.1, 1.0)]
+    assert apart[0] < apart[1] < apart[2] < 1.01 * distance(problem, problem, wrong, "x")
+    assert apart[0] < 0.1 * apart[2]
+
+
+def test_tethers_double_from_a_stretch_of_low_speed_to_beyond_the_longest_trial(box):
+    problem, _ = box
+    lengths = np.array(tethers(problem))
+    assert lengths[0] == problem.resolutions[0]
+    np.testing.assert_allclose(lengths[1:] / lengths[:-1], FADING)
+    longest = max(model.t[-1] - model.t[0] for model in problem.trials)
+    assert longest < lengths[-1] <= LONGEST * longest
+
+
+def test_let_go_the_fit_ends_in_the_minimum_of_the_truth(box):
+    problem, truth = box
+    found = let_go(problem, [problem.space.to_search(problem.start)], problem.sigmas)
+    solution, models = found[0]
+    evaluate = problem.evaluator(models)
+    begun = evaluate(problem.space.to_search(truth), [m.local[: m.size(problem.joint)] for m in models], True)
+    reference = levenberg_marquardt(evaluate, begun, problem.space.limits)
+    assert solution.state.cost < reference.state.cost + 1.0
+
+
+def test_a_held_cost_counts_among_the_problems_simulations(box):
+    problem, truth = box
+    before = problem.simulations
+    evaluate = held_by(tethered(problem), 0.1, problem.trials, sigmas=problem.sigmas)
+    evaluate(problem.space.to_search(truth), [m.local[: m.size(problem.joint)] for m in problem.trials], False)
+    assert problem.simulations == before + 1
+
+
+def test_what_shows_accelerations_alone_is_not_held(box):
+    mechanism, _, _, noisy, _ = case("pob", "lugre")
+    kept = ("a", "theta", "omega", "alpha")
+    trials = tuple(replace(trial, signals={name: trial.signals[name] for name in kept}) for trial in noisy.trials)
+    alone = replace(noisy, trials=trials)
+    assert tethered(Problem(mechanism, alone)) is None
