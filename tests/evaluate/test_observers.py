@@ -57,6 +57,7 @@ def test_a_law_that_cannot_be_identified_is_left_out_with_a_word(monkeypatch, ca
     from frictionpinn.identify import likelihood
 
     system, _, noisy, _ = prepared("drive")
-    monkeypatch.setattr(likelihood, "find_start", lambda *args, **options: [])
+    for search in ("let_go", "find_start"):
+        monkeypatch.setattr(likelihood, search, lambda *args, **options: [])
     assert module.identify(system, "lugre", noisy) is None
     assert "no observer with identified parameters" in caplog.text
