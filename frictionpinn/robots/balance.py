@@ -237,8 +237,8 @@ class Solution:
             rows = C[own].reshape(-1, C.shape[2])
             left = inverse_root(np.eye(C.shape[2]) - rows.T @ rows)
             steps.append(left @ (left.T @ (rows.T @ r[own].ravel())))
-        away, count = np.array(steps) - np.mean(steps, axis=0), len(steps)
-        middle = (count - 1) / count * away.T @ away + H.T @ np.diag(self.prior) @ H
+        apart, count = np.array(steps) - np.mean(steps, axis=0), len(steps)
+        middle = (count - 1) / count * apart.T @ apart + H.T @ np.diag(self.prior) @ H
         return H @ middle @ H.T
 
     @cached_property
@@ -288,7 +288,7 @@ def solve(model: Model, trials: Sequence[Prepared], start_sigmas: np.ndarray | N
         columns = [model.columns(trial, model.free) * scale / sigmas[:, None] for trial in trials]
         A = sum(np.einsum("mjc,mjd->cd", c, c, optimize=True) for c in columns) + np.diag(prior)
         b = sum(np.einsum("mjc,mj->c", c, r / sigmas, optimize=True) for c, r in zip(columns, residuals, strict=True))
-        b = b + prior * _away(model)
+        b = b + prior * away(model)
         now, moved = _cost(model, residuals, sigmas), None
         for _ in range(TRIES):
             H = inverse_root(A + damping * np.diag(np.diag(A)))
@@ -318,7 +318,7 @@ def _scale(model: Model) -> np.ndarray:
     return np.array([model.values[n] if n in model.logarithmic else 1.0 for n in model.free])
 
 
-def _away(model: Model) -> np.ndarray:
+def away(model: Model) -> np.ndarray:
     """Searched parameters less the centres of their priors, shape (free,)."""
     searched = [np.log(model.values[n]) if n in model.logarithmic else model.values[n] for n in model.free]
     return np.array(
@@ -329,7 +329,7 @@ def _away(model: Model) -> np.ndarray:
 def _cost(model: Model, residuals: Sequence[np.ndarray], sigmas: np.ndarray) -> float:
     deviations = np.array([model.priors[n][1] if n in model.priors else np.inf for n in model.free])
     squares = sum(float(np.sum((r / sigmas) ** 2)) for r in residuals)
-    return 0.5 * squares + 0.5 * float(np.sum((_away(model) / deviations) ** 2))
+    return 0.5 * squares + 0.5 * float(np.sum((away(model) / deviations) ** 2))
 
 
 def _sizes(residuals: Sequence[np.ndarray]) -> np.ndarray:

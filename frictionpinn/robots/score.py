@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import f, norm, wilcoxon
 
 from ..diagnose.score import NOTHING, TINY, inverse_root
-from .balance import Solution, blocks_of
+from .balance import Solution, away, blocks_of
 
 FOLDS = 8  # stretches of time, each left out once: seven eighths still excite what the whole does
 LENGTH_S = 1.0  # of a stretch at least: many correlation times of filtered residuals
@@ -73,6 +73,7 @@ class Scorer:
         self.r = [np.concatenate([r[:, k] for r in solution.residuals]) / self.sigmas[k] for k in range(joints)]
         self.C = [np.concatenate([c[:, k] for c in solution.columns]) @ H for k in range(joints)]
         self.blocks = blocks_of([trial.compared for trial in solution.trials])
+        self.pull = H.T @ (solution.prior * away(solution.model))  # of the priors, which every stretch's fit keeps
         self.Cr = sum(C.T @ r for C, r in zip(self.C, self.r, strict=True))
         self.folds = _folds([trial.compared for trial in solution.trials])
 
@@ -164,9 +165,9 @@ class Scorer:
                 )
             )
         SS, CS, Sr = (sum(p[i] for p in parts) for i in range(3))
-        A, b = sum(x[0] for x in base), sum(x[1] for x in base)
+        A, b = np.eye(count), self.pull + sum(x[1] for x in base)  # columns are scaled by the precision, priors in it
         for (own_A, own_b, own_rr), (ss, cs, sr), rows in zip(base, parts, self.folds, strict=True):
-            left = A - own_A + 1e-12 * np.eye(count)
+            left = A - own_A
             both = np.block([[left, CS - cs], [(CS - cs).T, SS - ss]])
             plain = -np.linalg.lstsq(left, b - own_b, rcond=None)[0]
             H = inverse_root(both)

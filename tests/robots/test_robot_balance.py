@@ -186,6 +186,32 @@ def test_a_stretch_that_gains_most_of_all_does_not_make_a_gain_unsure():
     assert not Confirmed(*certainty(one), 1.0).sure(2.0)
 
 
+def test_stretches_left_out_in_turn_leave_fits_that_keep_their_priors(robot):
+    from frictionpinn.robots.balance import away
+    from frictionpinn.robots.score import Scorer
+
+    base, (trial,) = ready(robot, recorded(robot, duration=12.0))
+    found = identify(declare(robot, base, LAWS["lugre"]()), [trial])
+    assert not found.told("joint_1.dither")  # but for its prior, nothing says what it is
+    scorer, k = Scorer(found), 1
+    term = trial.filtered(np.sign(trial.v[:, k]) * trial.q[:, k])[:, None]
+    C, r = found.columns[0], found.residuals[0] / found.sigmas
+    T = np.zeros((*C.shape[:2], 1))
+    T[:, k] = term / found.sigmas[k]
+    held, gains = np.sqrt(found.prior), []
+    for rows in scorer.folds:
+        kept = np.setdiff1d(np.arange(len(C)), np.arange(len(C))[rows])
+        left = []
+        for X in (C, np.concatenate([C, T], axis=2)):
+            pull = np.concatenate([np.diag(held), np.zeros((len(held), X.shape[2] - len(held)))], axis=1)
+            A = np.concatenate([X[kept].reshape(-1, X.shape[2]), pull])
+            b = np.concatenate([r[kept].ravel(), held * away(found.model)])
+            step = -np.linalg.lstsq(A, b, rcond=1e-12)[0]
+            left.append(0.5 * np.sum((r[rows] + X[rows] @ step) ** 2))
+        gains.append(left[0] - left[1])
+    assert scorer.confirmed([term], (k,)).gain == pytest.approx(sum(gains), rel=1e-4, abs=1e-3)
+
+
 def test_the_low_pass_is_found_from_noise_and_rate(robot):
     quiet, noisy = recorded(robot), recorded(robot)
     (trial,) = noisy.trials
