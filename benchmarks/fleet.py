@@ -1,6 +1,6 @@
-"""A fleet of simulated arms diagnosed by one command: who lacks what, who stands out, time a recording.
+"""A fleet of simulated arms diagnosed by one command, stopped half way and resumed: who lacks what, who stands out.
 
-    python benchmarks/fleet.py --arms 24
+    python benchmarks/fleet.py --arms 200
 
 Arms of seven joints with Coulomb and viscous friction, some per cent apart; 40 % have friction that grows with the load
 in joint 2, every tenth an offset in joint 4, and the last has twice the friction of the others in joint 3. Torques of
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import signal
 import subprocess
 import sys
 import tempfile
@@ -51,19 +52,39 @@ def logs(folder: Path, count: int) -> dict[str, set[str]]:
     return truth
 
 
+def run(folder: Path, *options: str, until: int | None = None) -> tuple[str, float]:
+    """What ``diagnose.py`` says and its seconds; stopped by Ctrl-C when ``until`` recordings have a result."""
+    began, said = time.perf_counter(), folder / "said.txt"
+    with said.open("w", encoding="utf-8") as file:
+        command = [sys.executable, str(ROOT / "diagnose.py"), *options]
+        process = subprocess.Popen(command, cwd=folder, stdout=file, stderr=subprocess.STDOUT)
+        while process.poll() is None:
+            if until is not None and results(folder) >= until:
+                process.send_signal(signal.SIGINT)
+                until = None
+            time.sleep(1.0)
+    return said.read_text(encoding="utf-8"), time.perf_counter() - began
+
+
+def results(folder: Path) -> int:
+    """Recordings that are diagnosed."""
+    return len(list((folder / "fleet").glob("*/result.json")))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--arms", type=int, default=24)
+    parser.add_argument("--arms", type=int, default=200)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         truth = logs(folder, args.arms)
-        began = time.perf_counter()
-        options = ["system=robot", "robot.file=seven.urdf", "robot.torque=motor", "friction=coulomb_viscous",
-                   "data.path=glob(logs/*.csv)", "hydra.sweep.dir=fleet"]  # fmt: skip
-        done = subprocess.run([sys.executable, str(ROOT / "diagnose.py"), "-m", *options], cwd=folder, text=True,
-                              capture_output=True, check=False)  # fmt: skip
-        seconds = time.perf_counter() - began
+        first = ["-m", "system=robot", "robot.file=seven.urdf", "robot.torque=motor", "friction=coulomb_viscous",
+                 "data.path=glob(logs/*.csv)", "hydra.sweep.dir=fleet"]  # fmt: skip
+        _, before = run(folder, *first, until=args.arms // 2)
+        stopped = results(folder)
+        kept = {path: path.stat().st_mtime_ns for path in (folder / "fleet").glob("*/result.json")}
+        said, after = run(folder, "resume=fleet")
+        again = sum(path.stat().st_mtime_ns != time_ for path, time_ in kept.items())
         with (folder / "fleet" / "fleet.csv").open(encoding="utf-8") as file:
             rows = {row["recording"]: row for row in csv.DictReader(file)}
         (RESULTS.parent / "fleet.html").write_text((folder / "fleet" / "fleet.html").read_text(encoding="utf-8"))
@@ -73,12 +94,13 @@ def main() -> None:
     right = sum(alike[name] == own for name, own in truth.items())
     odd = [name for name, row in rows.items() if "joint_3.mu_c" in row["stands_out"]]
     lines = [
-        done.stdout[done.stdout.rfind("left\n") + 5 :].rstrip() if "left\n" in done.stdout else done.stdout.rstrip(),
+        said[said.rfind(f"[{args.arms}/{args.arms}]") :].rstrip(),
+        f"stopped after {stopped} recordings, resumed: {len(rows)} diagnosed in all, {again} of them twice",
         f"exactly what it lacks: {right} of {len(truth)}; missed: "
         f"{sum(len(own - alike[n]) for n, own in truth.items())} effects, "
         f"too many: {sum(len(alike[n] - own) for n, own in truth.items())}",
         f"twice the friction in joint 3: arm_{args.arms - 1:03d}.csv; stands out by it: {', '.join(odd) or 'none'}",
-        f"{seconds / len(truth):.1f} s a recording, one after another",
+        f"{(before + after) / len(truth):.1f} s a recording, one after another",
     ]
     text = "\n".join(lines)
     RESULTS.write_text(text + "\n", encoding="utf-8")

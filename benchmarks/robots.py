@@ -6,12 +6,13 @@ Every third arm is clean; of the others one effect at one joint (or on the robot
 between a UR10e and one of seven joints; each is recorded twice, 15 s to fit and 8 s held out. Declared is LuGre at
 every joint, all inertias free.
 
-An effect is drawn so that its torque, less all that the declared model could take it for along the motion, is 5 to 10 %
-of the friction of its joint (a base leans by 0.03 and 0.02 rad); joints in which no plausible strength makes that are
-passed over. Shear thinning is told apart from viscous friction by its bend alone, 2.6 % at the most: it is drawn at
-1 s/rad, which bends most, in joints where that is 1.5 %, with viscous friction 1 to 2 times the dry at 1 rad/s. z is
-what the bound of Cramer and Rao gives an effect in standard errors (robot_draw.py). Before, strengths were the same in
-every arm and joint and motions slower, of 25 s: results/robots_before.txt.
+An effect is drawn so that its torque, less all that the declared model could take it for along the motion (its
+bristle too, which takes a wrist's delay for its own length), is 5 to 10 % of the friction of its joint (a base leans
+by 0.03 and 0.02 rad); joints in which no plausible strength makes that are passed over. Shear thinning is told apart
+from viscous friction by its bend alone, 2.6 % at the most: it is drawn at 1 s/rad, which bends most, in joints where
+that is 1.5 %, with viscous friction 1 to 2 times the dry at 1 rad/s. z is what the bound of Cramer and Rao gives an
+effect in standard errors (robot_draw.py). Before, strengths were the same in every arm and joint and motions slower,
+of 25 s: results/robots_before.txt.
 
 Results go to results/robots.json as they come; a second call goes on.
 """
@@ -28,7 +29,7 @@ from pathlib import Path
 
 import numpy as np
 from robot_arms import Arm, draw, recorded, reference, seven
-from robot_draw import SHARES, bound, sized
+from robot_draw import SHARES, Declared
 
 from frictionpinn.data.public import fetch
 from frictionpinn.physics import LAWS
@@ -71,13 +72,13 @@ def made(seed: int, folder: Path) -> tuple[Arm, str, int | None, np.random.Gener
     if effect == "shear_thinning":  # what thins is thick: viscous friction of gears in much grease
         arm = replace(arm, sigma_2=arm.mu_c * rng.uniform(1.0, 2.0, n))
     share, order = rng.uniform(*SHARES), rng.permutation(n)
-    motion = reference(deepcopy(rng), n, DURATIONS[0], SPEEDS)  # as will be recorded first
+    declared = Declared(arm, reference(deepcopy(rng), n, DURATIONS[0], SPEEDS))  # as will be recorded first
     for joint in map(int, order):
         if effect == "shear_thinning":
             bent = replace(arm, effects={effect: {joint: 1.0}})
-            with_effect = bent if bound(bent, joint, motion)[0] > THINNING else None
+            with_effect = bent if declared.bound(bent, joint)[0] > THINNING else None
         else:
-            with_effect = sized(arm, effect, joint, motion, share)
+            with_effect = declared.sized(arm, effect, joint, share)
         if with_effect is not None:
             return with_effect, effect, joint, rng
     raise NoSuchDraw(f"seed {seed}: no joint in which {effect} is large enough")
@@ -87,7 +88,7 @@ def one(seed: int, folder: Path) -> dict:
     """Simulate and diagnose an arm."""
     arm, effect, joint, rng = made(seed, folder)
     motion = reference(deepcopy(rng), len(arm.mu_c), DURATIONS[0], SPEEDS)
-    share, z = bound(arm, joint, motion) if effect else (0.0, 0.0)
+    share, z = Declared(arm, motion).bound(arm, joint) if effect else (0.0, 0.0)
     began = time.perf_counter()
     recording = recorded(arm, rng, DURATIONS, SPEEDS)
     simulated = time.perf_counter() - began

@@ -39,7 +39,8 @@ from .whole import Whole
 STEPS, TRIES = 60, 12  # of Gauss-Newton at most, and dampings that each tries
 SETTLED, SAME = 1e-7, 1e-3  # relative fall of the cost, and change of the residuals' sizes, that end the search
 DAMPING, LEAST = 1e-3, 1e-12  # of Levenberg and Marquardt at first and at least, of a column's own square
-BLOCKS, LENGTH_S = 40, 1.0  # of time at most, and of each at least: many correlation times of filtered residuals
+BLOCKS = 40  # of time at most: as many tell a variance to a fifth
+PERIODS = 4.0  # of the cutoff in a block at least: what passed it is forgotten within one
 WIDTH = 1.5  # standard deviation of a logarithm's prior about the start: a factor of 20 either way in 95 %
 
 
@@ -222,7 +223,7 @@ class Solution:
     @cached_property
     def blocks(self) -> list[slice]:
         """Blocks of time of all trials in a row, see :func:`blocks_of`."""
-        return blocks_of([trial.compared for trial in self.trials])
+        return blocks_of(self.trials)
 
     @cached_property
     def covariance(self) -> np.ndarray:
@@ -261,10 +262,11 @@ class Solution:
         return bool(self.errors.get(name, np.inf) < 0.5 * self.model.priors.get(name, (0.0, np.inf))[1])
 
 
-def blocks_of(times: Sequence[np.ndarray]) -> list[slice]:
+def blocks_of(trials: Sequence[Prepared]) -> list[slice]:
     """Blocks of time of the compared samples of all trials in a row, none of two trials."""
+    times = [trial.compared for trial in trials]
     total, blocks, first = sum(float(t[-1] - t[0]) for t in times), [], 0
-    length = max(LENGTH_S, total / BLOCKS)
+    length = max(PERIODS / min(trial.cutoff_hz for trial in trials), total / BLOCKS)
     for own in times:
         count = max(round(float(own[-1] - own[0]) / length), 2)
         edges = first + np.linspace(0, len(own), count + 1).round().astype(int)

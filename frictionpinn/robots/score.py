@@ -72,7 +72,7 @@ class Scorer:
         H = inverse_root(solution.precision)
         self.r = [np.concatenate([r[:, k] for r in solution.residuals]) / self.sigmas[k] for k in range(joints)]
         self.C = [np.concatenate([c[:, k] for c in solution.columns]) @ H for k in range(joints)]
-        self.blocks = blocks_of([trial.compared for trial in solution.trials])
+        self.blocks = blocks_of(solution.trials)
         self.pull = H.T @ (solution.prior * away(solution.model))  # of the priors, which every stretch's fit keeps
         self.Cr = sum(C.T @ r for C, r in zip(self.C, self.r, strict=True))
         self.folds = _folds([trial.compared for trial in solution.trials])
