@@ -172,8 +172,10 @@ class InputPath:
 
     def __call__(self, time: float) -> np.ndarray:
         """u at one time, shape (n_u,)."""
-        k = int(np.clip(np.searchsorted(self.t, time, side="right") - 1, 0, len(self.t) - 2))
-        return self.coefficients[k] @ (time - self.t[k]) ** np.arange(DEGREE + 1)
+        k = min(max(int(self.t.searchsorted(time, side="right")) - 1, 0), len(self.t) - 2)
+        d = float(time - self.t[k])
+        d2 = d * d
+        return self.coefficients[k] @ np.array([1.0, d, d2, d * d2, d2 * d2, d * d2 * d2])
 
 
 @dataclass(frozen=True)
