@@ -14,6 +14,8 @@ from .contact import ContactTrial, smooth_trials
 from .recording import Recording
 
 SEED = 20  # of the noise that is added; the figures are means over thousands of samples
+ONE_SIGMA = 0.6827  # share of normal errors within one standard deviation
+FINER, REACH = 4, 16  # points of the errors' shape in the time over which they stay alike, and its reach in such times
 
 
 def input_noise(recording: Recording, system: System, smoother: Smoother, trials: Sequence[ContactTrial]) -> dict:
@@ -28,19 +30,19 @@ def input_noise(recording: Recording, system: System, smoother: Smoother, trials
         trials: training trials.
 
     Returns:
-        ``input_error``: root mean square error of a_frictionless; ``input_time``: s, over which it stays alike (its
-        autocorrelation falls to a half); ``start_error``: of v_slip; ``slip_noise``, ``force_noise``: of v_slip and
-        friction_force as measured. All 0 where nothing was smoothed.
+        ``input_error``: root mean square error of a_frictionless; ``start_error``: of v_slip; ``slip_noise``,
+        ``force_noise``: of v_slip and friction_force as measured; 0 where nothing was smoothed. ``input_shape``,
+        ``input_step``: see :func:`shape`.
     """
     off = {
         name: np.concatenate([trial.seen[name] - trial.offline[name] for trial in trials]) for name in trials[0].seen
     }
-    found = {"slip_noise": _rms(off["v_slip"]), "force_noise": _rms(off["friction_force"])}
+    found: dict = {"slip_noise": _size(off["v_slip"]), "force_noise": _size(off["friction_force"])}
     rng, again = np.random.default_rng(SEED), []
     names = [name for c in system.moving for name in c.signals if name in trials[0].measured]
-    sigmas = {name: _rms(np.concatenate([t.measured[name] - t.smoothed[name] for t in trials])) for name in names}
+    sigmas = {name: _size(np.concatenate([t.measured[name] - t.smoothed[name] for t in trials])) for name in names}
     if not any(sigmas.values()):
-        return found | {"input_error": 0.0, "input_time": 0.0, "start_error": 0.0}
+        return found | {"input_error": 0.0, "start_error": 0.0, "input_shape": [], "input_step": 0.0}
     for trial in trials:
         noisy = {name: trial.smoothed[name] + sigmas[name] * rng.standard_normal(len(trial.t)) for name in names}
         own = recording.select([trial.name]).trials[0]
@@ -52,19 +54,36 @@ def input_noise(recording: Recording, system: System, smoother: Smoother, trials
     ]
     error = [own["a_frictionless"] for own in wrong]
     start = _rms(np.concatenate([own["v_slip"] for own in wrong]))
-    step = float(np.median(np.diff(trials[0].t)))
-    told = {"input_error": _rms(np.concatenate(error)), "input_time": step * _alike(error), "start_error": start}
-    return found | told
+    kernel, every = shape(error)
+    step = every * float(np.median(np.diff(trials[0].t)))
+    told = {"input_error": _rms(np.concatenate(error)), "start_error": start}
+    return found | told | {"input_shape": kernel.tolist(), "input_step": step}
+
+
+def shape(errors: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
+    """Kernel that gives white noise the spectrum of the errors (sum of squares 1), and its step in samples.
+
+    Where positions are measured the errors of an acceleration have next to no slow part: alike over a time, and the
+    opposite after it. Were they taken for independent from one such time to the next, a simulation could drift where
+    the measured one cannot. The spectrum is the autocovariance's, tapered (Blackman and Tukey, 1958).
+    """
+    whole = sum(float(error @ error) for error in errors)
+    most = min(map(len, errors)) // 2
+    alike = [sum(float(error[lag:] @ error[: len(error) - lag]) for error in errors) / whole for lag in range(most)]
+    time = next((lag for lag, value in enumerate(alike) if value < 0.5), 1)  # until it has fallen to a half
+    every = max(time / FINER, 1.0)
+    lags = np.arange(min(REACH * max(time, FINER), most - 1) // every + 1)
+    taper = 0.5 + 0.5 * np.cos(np.pi * lags / len(lags))
+    half = taper * np.interp(every * lags, np.arange(most), alike)
+    spectrum = np.fft.rfft(np.concatenate([half, half[:0:-1]])).real
+    kernel = np.fft.fftshift(np.fft.irfft(np.sqrt(np.maximum(spectrum, 0.0)), 2 * len(lags) - 1))
+    return kernel / np.sqrt(kernel @ kernel), every
 
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.nanmean(values**2)))
 
 
-def _alike(errors: Sequence[np.ndarray]) -> float:
-    """Samples after which the mean autocorrelation has fallen to a half, at least 1."""
-    whole = sum(float(np.mean(error**2)) for error in errors)
-    for lag in range(1, min(map(len, errors)) // 2):
-        if sum(float(np.mean(error[lag:] * error[:-lag])) for error in errors) < whole / 2:
-            return float(lag)
-    return 1.0
+def _size(values: np.ndarray) -> float:
+    """Standard deviation of normal noise; the few samples at a stop, which smoothing rounds off, do not count."""
+    return float(np.nanquantile(np.abs(values), ONE_SIGMA))

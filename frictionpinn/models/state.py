@@ -3,17 +3,15 @@ dissipative; trained along the measured motion or through the motion that it mak
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import torch
-from scipy.signal import find_peaks
 from torch import Tensor, nn
 
 from ..data.contact import ContactTrial
-from ..errors import UserError, choose
+from ..errors import choose
 from ..numerics.state_function import Drive, Recursion
 from ..numerics.torch_functions import LawFunctions
 from ..physics import LAWS
@@ -22,17 +20,16 @@ from .base import Batch, FrictionModel
 from .elements import StateFriction
 from .network import ACTIVATIONS
 from .parameters import LawParameters
+from .segments import GATE, segments, through
 from .state_start import find_start
 
 KNOTS, LOADS = 81, 3  # of the tables: velocities (asinh-spaced, a factor 1.25 apart) and loads
 REACH = 2.0  # times the fastest training sample: where the tables end
 REST = 1e-3  # of the root mean square velocity: below it the knots lie evenly
 STEPS = 4  # of the recursion per sample: slip velocity to 1e-4 m/s on the pendulum on a box at 400 Hz
-GATE = 3.0  # noises of the slip velocity above which a contact surely slides, and is corrected by what is measured
 GAIN = 0.05  # share of that correction, per sample, where the model is used online
 PRESLIDING = 1e-2  # share of v^2 / a that a bristle bends: where its training starts
 SHARP = -3.0  # where training starts: n = 1.05, an exponential saturation, whose step is nearly exact
-THROUGH = ("motion", "balance")
 WEIGHT = 100.0  # of the network's departure from its law: a percent at most unless the data insist
 FAR = 50.0  # noises: a residual that diverged
 
@@ -61,13 +58,14 @@ class StateModel(FrictionModel):
 
     Args:
         state: ``elements``, ``gaps`` (whether a bristle has play), ``delay`` (whether the measured force comes early
-            by a time that is estimated too), ``lengths`` (samples of every segment of the training trials, see
-            :func:`segments`).
+            by a time that is estimated too), ``lengths`` (samples of every segment, by training trial, see
+            :func:`segments`), ``input_shape`` (:func:`..data.input_noise.shape`).
         law: of a parameter estimator, see :class:`.parameter_estimator.ParameterEstimator`.
         scales: beside :func:`.start.data_scales` mobility, load_low, load_high, fastest, step and those of input_noise.
         others: see :class:`.base.FrictionModel`.
     """
 
+    kernel: Tensor
     between: Tensor
     share: Tensor
     knots: Tensor
@@ -106,7 +104,7 @@ class StateModel(FrictionModel):
             self._elements(options)
         if options.get("delay"):
             self.delay = nn.Parameter(torch.zeros(()))
-        self._unknowns([int(n) for n in options.get("lengths", [])])
+        self._unknowns(options)
 
     def _elements(self, options: dict[str, Any]) -> None:
         """Start of the black box's bristles: reaches side by side, each with the same share of the force."""
@@ -123,21 +121,24 @@ class StateModel(FrictionModel):
         self.damping = nn.Parameter(torch.log(torch.sqrt(torch.exp(self.stiffness.detach()) * mass).clamp_min(1e-9)))
         self.viscous = float(np.log(scales["viscous"]))
 
-    def _unknowns(self, lengths: list[int]) -> None:
+    def _unknowns(self, options: dict[str, Any]) -> None:
         """Errors of the inputs over the training trials, each in units of its size: see the class."""
-        self.lengths = lengths if self.through == "motion" else []
-        every = max(self.scales.get("input_time", 0.0) / self.scales["step"], 1.0)
+        trials = options.get("lengths", []) if self.through == "motion" else []
+        self.lengths = [int(n) for own in trials for n in own]
+        if not self.lengths or not self.scales["input_error"] > 0:
+            return
+        kernel = torch.tensor(options["input_shape"], dtype=torch.float64)
         low, share, count = [], [], 0
-        for n in self.lengths:
-            place = np.arange(n) / every
+        for own in trials:
+            place = np.arange(sum(own)) * self.scales["step"] / self.scales["input_step"]
             low.append(count + place.astype(int))
             share.append(place % 1)
-            count += int(place[-1]) + 2
-        if self.lengths and self.scales["input_error"] > 0:
-            self.register_buffer("between", torch.from_numpy(np.concatenate(low)), persistent=False)
-            self.register_buffer("share", torch.from_numpy(np.concatenate(share)), persistent=False)
-            self.inputs_off = nn.Parameter(torch.zeros(count))
-            self.starts_off = nn.Parameter(torch.zeros(len(self.lengths)))
+            count += int(place[-1]) + 1 + len(kernel)  # the kernel's reach beyond the ends of a trial
+        self.register_buffer("kernel", kernel, persistent=False)
+        self.register_buffer("between", torch.from_numpy(np.concatenate(low)), persistent=False)
+        self.register_buffer("share", torch.from_numpy(np.concatenate(share)), persistent=False)
+        self.inputs_off = nn.Parameter(torch.zeros(count))
+        self.starts_off = nn.Parameter(torch.zeros(len(self.lengths)))
 
     # the map -------------------------------------------------------------------------------------------------
     def tables(self) -> tuple[Tensor, Tensor, Tensor]:
@@ -173,7 +174,8 @@ class StateModel(FrictionModel):
             follow, gate = v, torch.zeros_like(v)
         off = torch.zeros_like(A)
         if known and hasattr(self, "inputs_off"):
-            ahead, low, share = self.inputs_off.double(), self.between, self.share
+            low, share = self.between, self.share
+            ahead = nn.functional.conv1d(self.inputs_off.double()[None, None], self.kernel[None, None])[0, 0]
             off = self.scales["input_error"] * ((1 - share) * ahead[low] + share * ahead[low + 1])
             A = A + off
         z0 = self._start(column["target"][first], v[first], column["N"][first], tables, elements)
@@ -330,31 +332,6 @@ class StateModel(FrictionModel):
         with torch.no_grad():
             tables, elements, _ = self.tables()
         return StateFriction(tables.cpu().numpy(), self.grid, elements.cpu().numpy())
-
-
-def segments(trial: ContactTrial, noise: float) -> np.ndarray:
-    """Samples at which a trial is started anew: its first, and where it slides fastest between two slower stretches."""
-    speed = np.abs(trial.offline["v_slip"])
-    peaks, _ = find_peaks(speed, height=2 * GATE * noise, prominence=2 * GATE * noise)
-    return np.array([0, *peaks])
-
-
-def lengths(trials: Sequence[ContactTrial], noise: float) -> list[int]:
-    """Samples of every segment of the trials."""
-    return [int(n) for trial in trials for n in np.diff([*segments(trial, noise), len(trial)])]
-
-
-def through(wanted: Any, moving: bool, scales: dict[str, float]) -> str:
-    """What a training goes through: where nothing is said, the motion if the model moves the contact online too."""
-    possible = min(scales["mobility"], scales["slip_noise"], scales["force_noise"]) > 0
-    if wanted is None:
-        return "motion" if moving and possible else "balance"
-    choose(wanted, dict.fromkeys(THROUGH), "model.loss.through")
-    if wanted == "motion" and not possible:
-        raise UserError("no motion to train through", where="model.loss.through", received="motion",
-                        allowed="balance here: motion wants a contact that friction moves by a constant mobility, and "
-                        "measured noise", fix="leave model.loss.through=null")  # fmt: skip
-    return wanted
 
 
 def perceptron(network: dict[str, Any], outputs: int) -> nn.Sequential:

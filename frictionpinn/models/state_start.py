@@ -5,7 +5,8 @@ stiffness and damping it has few while friction rises towards rest over a wide r
 
 1. a design over stiffness and damping, the rise as wide as the bounds allow;
 2. from the best two the law alone is fitted to the motion, then the law beside the errors of the inputs;
-3. points along the ridge from the better one, and the best two of them fitted again.
+3. points along the ridge from the better one, and the best two of them fitted again;
+4. the best of all fitted to the end: along the ridge that takes hundreds of iterations, and stiffness moves with it.
 
 The network stays at rest: what it has to add to the law is left to the training. L-BFGS: Nocedal and Wright, Numerical
 Optimization, 7.2.
@@ -31,6 +32,7 @@ DESIGN = 16  # points, a power of two as Sobol's sequence wants
 RIDGE, FINER = (6, 8), 12  # values of mu_s / mu_c and of v_s, and how often the best v_s is moved beside each mu_s
 FOLLOWED = 2  # points of design and ridge from which a fit goes on
 ALONE, JOINT, ALONG = 30, 80, 60  # iterations: the law alone, beside the inputs' errors, along the ridge
+TO_THE_END = 400  # most iterations of the last fit: those looked at came to rest within as many
 LAW_STEP = 0.03  # of a law's parameters (logarithms) beside one of an input's error, in units of its size
 
 Point = dict[str, float]
@@ -54,6 +56,7 @@ def find_start(model: StateModel, batch: Batch) -> None:
         law.place(point)
         ends.append((_fit(model, batch, ("law_parameters.", "_off"), ALONG), _now(model)))
     _restore(model, min(ends, key=lambda end: end[0])[1])
+    _fit(model, batch, ("law_parameters.", "_off"), TO_THE_END)
 
 
 def design(model: StateModel) -> list[Point]:

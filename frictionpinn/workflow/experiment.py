@@ -14,8 +14,8 @@ from ..data.split import split_trials
 from ..errors import UserError, choose
 from ..evaluate.characteristics import mobility
 from ..models import MODELS, FrictionModel, SeveralContacts, StateModel
+from ..models.segments import lengths
 from ..models.start import complete, data_scales
-from ..models.state import lengths
 from ..physics import LAWS, FrictionLaw, System
 from ..physics.base import contact_of, plain_name
 from ..physics.contacts import ContactLaws
@@ -135,15 +135,17 @@ def _state(cfg: Config, system: System, data: TrajectoryData) -> tuple[dict[str,
                         allowed="a whole number from 1")  # fmt: skip
     offline, _ = build_smoothing(cfg["smoothing"])
     load = np.concatenate([np.abs(trial.offline["normal_force"]) for trial in train])
+    noise = input_noise(data.recording, system, offline, train)
+    shape = noise.pop("input_shape")
     scales = {
         "mobility": mobility(system, train),
         "load_low": float(load.min()),
         "load_high": float(load.max()),
         "fastest": max(float(np.abs(trial.offline["v_slip"]).max()) for trial in train),
         "step": float(np.median(np.diff(train[0].t))),
-        **input_noise(data.recording, system, offline, train),
+        **noise,
     }
-    return options | {"lengths": lengths(train, scales["slip_noise"])}, scales
+    return options | {"lengths": lengths(train, noise["slip_noise"]), "input_shape": shape}, scales
 
 
 def _map(cfg: Config, system: System, contact: str, train: Sequence[ContactTrial]) -> dict[str, Any]:

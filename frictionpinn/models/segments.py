@@ -1,0 +1,40 @@
+"""Where a training through the motion cuts the trials, and whether there is a motion to train through."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from ..data.contact import ContactTrial
+from ..errors import UserError, choose
+
+GATE = 3.0  # noises of the slip velocity above which a contact surely slides, and is corrected by what is measured
+THROUGH = ("motion", "balance")
+
+
+def segments(trial: ContactTrial, noise: float) -> np.ndarray:
+    """Samples at which a trial is started anew: its first, and where it slides fastest between two slower stretches."""
+    speed = np.abs(trial.offline["v_slip"])
+    peaks, _ = find_peaks(speed, height=2 * GATE * noise, prominence=2 * GATE * noise)
+    return np.array([0, *peaks])
+
+
+def lengths(trials: Sequence[ContactTrial], noise: float) -> list[list[int]]:
+    """Samples of every segment, by trial."""
+    return [np.diff([*segments(trial, noise), len(trial)]).tolist() for trial in trials]
+
+
+def through(wanted: Any, moving: bool, scales: dict[str, float]) -> str:
+    """What a training goes through: where nothing is said, the motion if the model moves the contact online too."""
+    possible = min(scales["mobility"], scales["slip_noise"], scales["force_noise"]) > 0
+    if wanted is None:
+        return "motion" if moving and possible else "balance"
+    choose(wanted, dict.fromkeys(THROUGH), "model.loss.through")
+    if wanted == "motion" and not possible:
+        raise UserError("no motion to train through", where="model.loss.through", received="motion",
+                        allowed="balance here: motion wants a contact that friction moves by a constant mobility, and "
+                        "measured noise", fix="leave model.loss.through=null")  # fmt: skip
+    return wanted
