@@ -56,13 +56,16 @@ ARMS = {
     "feedforward": "LuGre feed-forward",
     "disturbance_observer": "disturbance observer",
     "estimator": "our estimator",
+    "measuring": "oracle that measures",
     "oracle": "oracle",
 }
+INFORMED = ("measuring", "oracle")  # arms that are told the axis: its effect, every parameter, the load and the delay
 CHOICES = {  # what is adjustable in an arm, and the values tried
     "coulomb": ("transition", (0.1, 0.3, 1.0, 3.0)),
     "stribeck": ("transition", (0.03, 0.1, 0.3, 1.0)),
     "disturbance_observer": ("bandwidth", (30.0, 45.0, 60.0, 90.0, 120.0)),
     "estimator": ("bandwidth", (30.0, 45.0, 60.0, 90.0, 120.0)),
+    "measuring": ("bandwidth", (30.0, 45.0, 60.0, 90.0, 120.0)),
 }
 # An elastic gear's twist under gravity, which the oracle leaves as it is, is most of the arm's error.
 MEASURED = [name for name, kind in KINDS.items() if not np.isfinite(kind.resonance)]
@@ -92,9 +95,13 @@ def controller(name: str) -> Gains:
 def compensator(arm: str, it: Draw, gain: float = 1.0, **options: object) -> Compensator | None:
     """An arm for an axis."""
     loop = {"interval": INTERVAL, "delay": DELAY, "resolution": it.plant.resolution}
-    if arm == "oracle":
-        delay = loop | {"delay": it.plant.delay}
-        return Compensator(it.plant.mechanism, it.plant.parameters, known=it.believed, gain=gain, **delay)
+    if arm in INFORMED:
+        loop |= {"delay": it.plant.delay, "known": it.believed}
+    if arm == "oracle":  # watches nothing
+        return Compensator(it.plant.mechanism, it.plant.parameters, gain=gain, **loop)
+    if arm == "measuring":  # has nothing to learn, and makes good what the encoder shows
+        own = config("estimator", gain=gain, adapt={}, spread={}, uneven=0.0, **options)
+        return build_compensator(own, it.plant.mechanism, it.plant.parameters, **loop)
     own = config(arm, **({} if arm == "none" else {"gain": gain}), **options)
     return build_compensator(own, it.model, it.believed, stroke=it.stroke, **loop)
 

@@ -4,8 +4,8 @@
 
 The oracle is told what no arm can measure beforehand: the undeclared effect with its size, every parameter, the load
 and the delay. A rung of the table gives one of these to our estimator and leaves the rest as it is; the encoder's rung
-gives a finer encoder to arm and oracle alike, the last lets both move for longer before errors count. Seeds are those
-on which arms are tuned.
+gives a finer encoder to arm and oracle alike, the last lets both move for longer before errors count. Beside them is
+the oracle itself, told the delay that all other arms believe in. Seeds are those on which arms are tuned.
 """
 
 from __future__ import annotations
@@ -52,6 +52,11 @@ def told(it: Draw, knows: tuple[str, ...], options: dict[str, Any]) -> Compensat
     return build_compensator(config("estimator", **options), model, believed, **loop)
 
 
+def late(it: Draw) -> Compensator:
+    """The oracle, which does not know its axis's delay."""
+    return Compensator(it.plant.mechanism, it.plant.parameters, known=it.believed, interval=INTERVAL, delay=DELAY)
+
+
 def finer(it: Draw) -> Draw:
     """The axis with a finer encoder."""
     return replace(it, plant=replace(it.plant, resolution=it.plant.resolution / FINER))
@@ -71,6 +76,7 @@ def oracle(chosen: dict, kinds: Iterable[str] = tuple(KINDS)) -> None:
         nothing = {**chosen_here, "uneven": 0.0, "adapt": {}, "spread": {}}
         rows[f"{last}, learns nothing"] = [_ratio(name, m, _maker(RUNGS[last], nothing), base[m]) for m in REFERENCES]
         rows["bandwidth twice as high"] = [_ratio(name, m, _maker((), wide), base[m]) for m in REFERENCES]
+        rows[f"the oracle, told {1e3 * DELAY:g} ms"] = [_ratio(name, m, late, base[m]) for m in REFERENCES]
         rows["finer encoder, both"] = [_ratio(name, m, _maker((), chosen_here), fine[m], finer) for m in REFERENCES]
         found[name] = rows
         rows[f"errors from {LATER[0]:g} to {LATER[1]:g} s, both"] = [

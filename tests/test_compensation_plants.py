@@ -65,3 +65,11 @@ def test_the_oracle_that_knows_the_delay_of_its_axis_is_better_than_one_that_is_
         return figures(closed("stage", "slow triangle", seed, make, holds=0.0, moves=4.0), ends=4.0)["rms"]
 
     assert told(2e-3) < 0.8 * told(1.5e-3)
+
+
+def test_an_oracle_that_measures_frees_an_axis_that_sticks_where_one_that_watches_nothing_leaves_it():
+    stuck, freed = (
+        figures(closed("stage", "reversing sine", 2, lambda it, arm=arm: compensator(arm, it), holds=0.0))["rms"]
+        for arm in ("oracle", "measuring")
+    )
+    assert freed < 0.1 * stuck

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import frictionpinn as fp
 from frictionpinn.control import Compensator, reference
 from frictionpinn.export.compensator import write_compensator_c
 from frictionpinn.physics import LAWS, SYSTEMS
@@ -54,12 +55,24 @@ def rows(scale: float) -> np.ndarray:
     ids=["learns the stroke", "estimator", "feed-forward", "joint with effects", "law without memory, with a clock"],
 )
 def test_c_gives_the_torque_and_the_interval_of_python(tmp_path: Path, system, law, effects, values, options):
-    compensator = Compensator(Mechanism(SYSTEMS[system](), LAWS[law](), effects), values, **options)
-    names = write_compensator_c(tmp_path, compensator)
-    (tmp_path / "main.c").write_text(MAIN, encoding="ascii")
+    check(tmp_path, Compensator(Mechanism(SYSTEMS[system](), LAWS[law](), effects), values, **options))
+
+
+def test_c_gives_the_torque_of_python_with_all_that_the_default_estimator_learns(tmp_path: Path):
+    axis = Mechanism(SYSTEMS["drive"](), LAWS["lugre"]())
+    default = fp.compensate(axis, LUGRE | {"M": 1.0}, delay=1.5e-3, resolution=1e-6, stroke=(-5e-3, 5e-3))
+    check(tmp_path, default)
+    assert abs(default.asymmetry) > 0.01 and abs(default.disturbance) > 0.1
+    assert all(abs(default.parameters[name] / LUGRE[name] - 1) > 1e-3 for name in ("mu_c", "mu_s", "sigma_0"))
+
+
+def check(folder: Path, compensator: Compensator) -> None:
+    """Run both along the same rows."""
+    names = write_compensator_c(folder, compensator)
+    (folder / "main.c").write_text(MAIN, encoding="ascii")
     flags = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-pedantic"]
-    program = tmp_path / "main"
-    subprocess.run(["cc", *flags, "-o", program, tmp_path / "main.c", tmp_path / names[1], "-lm"], check=True)
+    program = folder / "main"
+    subprocess.run(["cc", *flags, "-o", program, folder / "main.c", folder / names[1], "-lm"], check=True)
     data = rows(5e-3)
     text = "\n".join(" ".join(map(repr, row)) for row in data.tolist())
     said = subprocess.run([program], input=text, capture_output=True, text=True, check=True).stdout
