@@ -7,6 +7,7 @@ from .base import FrictionModel
 from .black_box import BlackBox
 from .ensemble import FrictionEnsemble
 from .features import Features
+from .joints import JointNetworks, JointTrial
 from .parameter_estimator import ParameterEstimator
 from .several import SeveralContacts
 from .state import StateModel
@@ -22,7 +23,9 @@ def rebuilt(hparams: Mapping[str, Any]) -> FrictionModel:
 
 
 def kind_of(hparams: Mapping[str, Any]) -> type[FrictionModel]:
-    """The class of a model: of several contacts, with a state, or with windows."""
+    """The class of a model: of a robot's joints, of several contacts, with a state, or with windows."""
+    if hparams.get("kernel"):
+        return JointNetworks
     if hparams.get("contacts"):
         return SeveralContacts
     return StateModel if hparams.get("state") else MODELS[hparams["name"]]
@@ -34,6 +37,8 @@ __all__ = [
     "Features",
     "FrictionEnsemble",
     "FrictionModel",
+    "JointNetworks",
+    "JointTrial",
     "ParameterEstimator",
     "SeveralContacts",
     "StateModel",

@@ -9,11 +9,25 @@ from torch import Tensor
 
 from ..errors import UserError, choose
 from ..numerics.torch_functions import LawFunctions
-from ..physics import LAWS
+from ..physics import LAWS, FrictionLaw
 from .base import Batch, FrictionModel
 from .parameters import LawParameters
 
 BRISTLE = ("load", "steady", "free")
+
+
+def with_bristle(name: str) -> type[FrictionLaw]:
+    """A law by name; :class:`UserError` where it has no bristle state."""
+    kind = choose(name, LAWS, "friction")
+    if not kind.memory:
+        raise UserError(
+            "a parameter estimator needs a friction law with a bristle state",
+            where="friction",
+            received=name,
+            allowed=", ".join(name for name, item in LAWS.items() if item.memory),
+            fix="choose friction=lugre, or model=bb1 for a law without memory",
+        )
+    return kind
 
 
 class ParameterEstimator(FrictionModel):
@@ -25,6 +39,8 @@ class ParameterEstimator(FrictionModel):
     - load: sigma_0 z = tanh(u) g(0, N), a share of the breakaway force;
     - steady: sigma_0 z = tanh(u) g(v, N), a share of the steady force at this velocity;
     - free: z = u F_scale / start of sigma_0, unbounded, as published.
+
+    Where a bristle is known to begin with, a batch holds its u as ``lead``, and the network learns what is not in it.
 
     PE1 sees slip velocity and normal force, PE2 the frictionless acceleration too.
     Source: Ozmen, Hespanha and Byl, arXiv 2504.12441; the bounded outputs are ours.
@@ -39,15 +55,7 @@ class ParameterEstimator(FrictionModel):
     def __init__(self, *, law: dict[str, Any], bristle: str = "load", **common: Any):
         super().__init__(**common, law=law, bristle=bristle)
         self.save_hyperparameters(logger=False)
-        kind = choose(law["name"], LAWS, "friction")
-        if not kind.memory:
-            raise UserError(
-                "a parameter estimator needs a friction law with a bristle state",
-                where="friction",
-                received=law["name"],
-                allowed=", ".join(name for name, item in LAWS.items() if item.memory),
-                fix="choose friction=lugre, or model=bb1 for a law without memory",
-            )
+        kind = with_bristle(law["name"])
         if bristle not in BRISTLE:
             raise UserError("unknown output", where="model.bristle", received=repr(bristle), allowed=", ".join(BRISTLE))
         self.bristle = bristle
@@ -82,6 +90,8 @@ class ParameterEstimator(FrictionModel):
     def respond(self, batch: Batch, *outputs: Tensor):
         p = self.law_parameters()
         (u, u_rate), v, N = outputs, batch["v"], batch["N"]
+        if "lead" in batch:
+            u, u_rate = u + batch["lead"], u_rate + batch["lead_rate"]
         z, z_rate = self.bristle_state(p, u, v, N), self._bristle_rate(p, u, u_rate, batch)
         force = self.functions.force(v, N, z, z_rate, *p.values())
         return {

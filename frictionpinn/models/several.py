@@ -80,7 +80,11 @@ class SeveralContacts(FrictionModel):
 
     def arrays(self, trial: ContactTrial, source: str = "online") -> dict[str, np.ndarray]:
         assert trial.slopes is not None
-        found = {SLOPES: trial.slopes.astype(np.float32)}
+        return {SLOPES: trial.slopes.astype(np.float32)} | self.of_maps(trial, source)
+
+    def of_maps(self, trial: ContactTrial, source: str) -> dict[str, np.ndarray]:
+        """What every map is given of one trial, by contact."""
+        found: dict[str, np.ndarray] = {}
         for contact in self.contacts:
             own = self.map_of(contact).arrays(trial.at(contact), source)
             found |= {at_contact(contact, name): values for name, values in own.items()}
@@ -107,15 +111,19 @@ class SeveralContacts(FrictionModel):
     def losses(self, batch: Batch, outputs: tuple[Tensor, ...] | None = None) -> dict[str, Tensor]:
         """Terms of the loss: ``force``, of a PE ``consistency`` of all contacts; ``loss`` is their sum."""
         predicted = self.predict(batch)
-        off = [predicted[at_contact(c, "force")] - batch[at_contact(c, "target")] for c in self.contacts]
-        scale = torch.as_tensor(self.hparams["balance"], dtype=off[0].dtype, device=off[0].device)
-        balance = (batch[SLOPES] @ torch.stack(off, dim=1)).squeeze(-1) / scale
+        balance = self.balance(batch, predicted)
         parts = {"force": balance.square().mean(0).sum()}
         told = [self._consistency(batch, predicted, contact) for contact in self.contacts if self.sees_rates]
         if told:
             parts["consistency"] = torch.stack(told).sum()
-        parts["loss"] = sum(parts.values(), start=torch.zeros((), device=scale.device))
+        parts["loss"] = sum(parts.values(), start=torch.zeros((), device=balance.device))
         return parts
+
+    def balance(self, batch: Batch, predicted: dict[str, Tensor]) -> Tensor:
+        """What is left of every equation of motion, over its scale, shape (n, equations)."""
+        off = [predicted[at_contact(c, "force")] - batch[at_contact(c, "target")] for c in self.contacts]
+        scale = torch.as_tensor(self.hparams["balance"], dtype=off[0].dtype, device=off[0].device)
+        return (batch[SLOPES] @ torch.stack(off, dim=1)).squeeze(-1) / scale
 
     def _consistency(self, batch: Batch, predicted: Mapping[str, Tensor], contact: str) -> Tensor:
         residual, v = predicted[at_contact(contact, "residual")], batch[at_contact(contact, "v")]

@@ -52,15 +52,21 @@ class ImposedFriction:
             motion: q, v, a, inputs and clocks by name, shape (n,), even steps in ``t``; what is missing is 0.
             values: of the parameters, SI units.
         """
-        t = motion["t"]
-        along = [motion.get(name, 0.0) for name in self.symbols]
+        t, along = motion["t"], self._along(motion)
         force, rates = self._compiled
         if rates is None:
             return np.broadcast_to(np.asarray(force(*along, *values), float), t.shape)
-        origin, slope = _at(rates, _middle(along), values, len(t) - 1)
-        z = bristles(origin[0], slope[0], float(t[1] - t[0]))
-        here = _at(rates, along, values, len(t))
+        z, here = self.bristle(motion, values), _at(rates, along, values, len(t))
         return np.broadcast_to(np.asarray(force(*along, z, here[0][0] + here[1][0] * z, *values), float), t.shape)
+
+    def bristle(self, motion: Motion, values: Sequence[float]) -> np.ndarray:
+        """z at the samples of a motion, as :meth:`force` has it, shape (n,); of a law with a bristle."""
+        t, along, rates = motion["t"], self._along(motion), self._compiled[1]
+        origin, slope = _at(rates, _middle(along), values, len(t) - 1)
+        return bristles(origin[0], slope[0], float(t[1] - t[0]))
+
+    def _along(self, motion: Motion) -> list:
+        return [motion.get(name, 0.0) for name in self.symbols]
 
     @cached_property
     def _compiled(self):
@@ -87,7 +93,7 @@ class ImposedFriction:
         t, count = motion["t"], len(names)
         if not names:
             return np.zeros((len(t), 0))
-        along = [motion.get(name, 0.0) for name in self.symbols]
+        along = self._along(motion)
         at = list(self.symbols).index("v")
         along[at] = np.where(along[at] == 0.0, LEAST, along[at])
         g = max(np.size(x) for x in values)

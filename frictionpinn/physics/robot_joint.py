@@ -47,7 +47,11 @@ class RobotJoint(System):
 
 
 class JointEffect(Effect):
-    """An effect of joints whose law has Coulomb friction."""
+    """An effect of joints whose law has Coulomb friction.
+
+    At loads beyond those of the fit a level of dry friction could be negative, and a bristle of such a level grows
+    without bound: it is taken by its size.
+    """
 
     def applies(self, system: System, law: FrictionLaw, others: tuple[str, ...] = ()) -> bool:
         return isinstance(system, RobotJoint) and any(par.name == "mu_c" for par in law.parameters)
@@ -66,7 +70,7 @@ class LoadFriction(JointEffect):
     parameters = (strength("load_friction", "1", "dry friction by transmitted torque"),)
 
     def load(self, N, c, p):
-        return N + p.load_friction * sp.Abs(LOAD.symbol) / p.mu_c
+        return sp.Abs(N + p.load_friction * sp.Abs(LOAD.symbol) / p.mu_c)
 
 
 class LoadDirection(JointEffect):
@@ -83,7 +87,7 @@ class LoadDirection(JointEffect):
     parameters = (strength("load_direction", "1", "dry friction by transmitted torque, driving less back-driven, / 2"),)
 
     def load(self, N, c, p):
-        return N + p.load_direction * LOAD.symbol * sp.sign(c.v) / p.mu_c
+        return sp.Abs(N + p.load_direction * LOAD.symbol * sp.sign(c.v) / p.mu_c)
 
 
 class Temperature(JointEffect):

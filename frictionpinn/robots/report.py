@@ -17,9 +17,11 @@ from ..evaluate.picture import save_png
 from ..evaluate.style import INK, readable
 from ..physics.base import at_contact, plain_name
 from ..show import LOOKS, readable_unit
+from .balance import Model
 from .candidates import Term
 from .diagnose import ROBOT, Accepted, Rest, RobotDiagnosis
 from .identify import joint_effect
+from .motion import Prepared
 
 KINDS = {"force": "a torque", "friction": "friction"}
 WIDTH = 100  # of a line of text
@@ -201,17 +203,26 @@ def error_figure(d: RobotDiagnosis) -> Figure:
 
 def torque_figure(d: RobotDiagnosis) -> Figure:
     """Torque error of each joint over time, before and after, on the first trial that errors are told of."""
-    trial = d.held_out[0] if d.held_out else d.fit.trials[0]
-    t, model = trial.compared, d.fit.model
-    before, after = (m.recorded(trial) - trial.tau for m in (d.declared.model, model))
+    trial, labels = (*d.held_out, *d.fit.trials)[0], ("error of the declared model", "error of the augmented model")
+    models = (d.declared.model, d.fit.model)
+    lines = {label: model.recorded(trial) - trial.tau for label, model in zip(labels, models, strict=True)}
+    return torques_over_time(d.fit.model, trial, lines)
+
+
+def torques_over_time(model: Model, trial: Prepared, lines: Mapping[str, np.ndarray]) -> Figure:
+    """Two models' torques less measured ones over time, a panel for each joint, the first model's in grey.
+
+    Args:
+        lines: label -> errors at the compared samples, N m, shape (m, joints).
+    """
     columns = 2
     count = -(-len(model.names) // columns)
     figure = Figure(figsize=(9, 0.8 + 1.5 * count), layout="constrained")
     axes = figure.subplots(count, columns, sharex=True, squeeze=False).ravel()
     for k, (ax, joint) in enumerate(zip(axes, model.names, strict=False)):
-        ax.plot(t, before[:, k], color=INK["baseline"], lw=0.9, label="error of the declared model")
-        ax.plot(t, after[:, k], color=INK["model"], lw=0.9, label="error of the augmented model")
-        reach = 1.6 * float(np.quantile(np.abs(before[:, k]), 0.999))
+        for (label, off), color in zip(lines.items(), ("baseline", "model"), strict=True):
+            ax.plot(trial.compared, off[:, k], color=INK[color], lw=0.9, label=label)
+        reach = 1.6 * float(np.quantile(np.abs(next(iter(lines.values()))[:, k]), 0.999))
         ax.set_ylim(-reach, reach)
         ax.set_ylabel(f"{joint.replace('_', ' ')} ({readable('N*m' if model.robot.turns[k] else 'N')})", fontsize=8)
         ax.tick_params(labelsize=8)

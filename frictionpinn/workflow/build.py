@@ -58,7 +58,7 @@ def build_system(cfg: Config) -> System:
         return folded(cfg["augmented"])[0]
     if cfg["name"] == "robot":
         raise UserError("a robot in a command that does not know robots", where="system", received="robot",
-                        allowed="check, identify, diagnose", fix="choose one of them, or another system")  # fmt: skip
+                        allowed="check, train, identify, diagnose", fix="choose one of them")  # fmt: skip
     kind = choose(cfg["name"], SYSTEMS, "system")
     imposed = bool(cfg.get("imposed")) and not kind.massless
     driven = cfg.get("driven")

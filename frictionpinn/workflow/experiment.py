@@ -87,11 +87,7 @@ def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionMo
     model = dict(cfg["model"])
     kind = choose(model["name"], MODELS, "model")
     train = data.select("train")
-    common = {key: model[key] for key in ("name", "inputs", "network", "loss")}
-    given = mapping(model, "windows", "model")
-    inputs = model["inputs"] if isinstance(model["inputs"], list) else []
-    windows = {name: given.get(name, [[1, 0]]) for name in map(str, inputs)}
-    common |= {"inputs": inputs, "windows": windows, "optimizer": cfg["optimizer"]}
+    common = common_options(cfg)
     common["context"] = {"system": cfg["system"]["name"], "equations": system.equations, "values": dict(system.values)}
     if len(system.contacts) > 1:
         share = model.get("share", False)
@@ -104,6 +100,16 @@ def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionMo
         state, more = _state(cfg, system, data)
         return StateModel(**common, **own | {"scales": own["scales"] | more}, state=state)
     return kind(**common, **own)
+
+
+def common_options(cfg: Config) -> dict[str, Any]:
+    """What every map of a configuration has: inputs, windows, network, loss, optimizer."""
+    model = cfg["model"]
+    given = mapping(model, "windows", "model")
+    inputs = model["inputs"] if isinstance(model["inputs"], list) else []
+    windows = {name: given.get(name, [[1, 0]]) for name in map(str, inputs)}
+    common = {key: model[key] for key in ("name", "network", "loss")}
+    return common | {"inputs": inputs, "windows": windows, "optimizer": cfg["optimizer"]}
 
 
 def _remembers(model: Config) -> bool:

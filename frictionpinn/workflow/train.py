@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from lightning.pytorch.utilities.exceptions import MisconfigurationException
 
 from ..data.module import TrajectoryData
 from ..errors import DISK, UserError, unwritable
+from ..models import FrictionModel
 from .build import Config, build_system, check_pairing, seed_of
 from .callbacks import Progress, Scalars, StopOnNaN
 from .checkpoints import Checkpoints, EveryFew, WholeFiles, bring_best, check_resumable, load_checkpoint, use_best
@@ -63,36 +65,23 @@ def _train(cfg: Config, folder: Path) -> dict[str, Any]:
     begin = time.perf_counter()
     quiet()
     keep_memory()
-    same_run = check_free(folder, cfg.get("ckpt_path"))
+    check_free(folder, cfg.get("ckpt_path"))
     torch.set_num_threads(max(int(cfg["trainer"].get("threads") or torch.get_num_threads()), 1))
     L.seed_everything(seed_of(cfg), workers=False, verbose=False)
     check_pairing(cfg)
     size_of(cfg)
     check_refinable(cfg)
+    if cfg["system"]["name"] == "robot":
+        from .robot_networks import train_robot
+
+        return train_robot(cfg, folder, begin)
     announce_compilation(cfg)
     system = build_system(cfg["system"])
     check_memory(cfg, system)
     check_rollout(cfg, system)
     data, model = prepare(cfg, system)
     vet(cfg, system, data.recording)
-    step = None
-    if cfg.get("ckpt_path"):
-        checkpoint = load_checkpoint(cfg["ckpt_path"], "ckpt_path")
-        check_resumable(checkpoint, model, int(cfg["trainer"]["max_epochs"]), same_run)
-        step = int(checkpoint["global_step"])
-        bring_best(folder, cfg["ckpt_path"])
-    dashboard = Dashboard(parameters(cfg, system, model))
-    trainer = build_trainer(cfg, folder, bool(data.splits["validation"]), step, dashboard)
-    log.info(announce(cfg, data))
-    start, writer = time.perf_counter(), trainer.checkpoint_callback
-    assert isinstance(writer, Checkpoints)
-    with writer.stopped_by_user():
-        trainer.fit(model, datamodule=data, ckpt_path=cfg.get("ckpt_path"), weights_only=True)
-    seconds = {"training": time.perf_counter() - start + writer.seconds_before}
-    use_best(model, trainer)
-    model.eval()
-    seconds["total"] = time.perf_counter() - begin + writer.seconds_before
-    told = {"epochs": int(trainer.current_epoch), "device": str(trainer.strategy.root_device), "seconds": seconds}
+    trainer, told = trained(cfg, folder, data, model, parameters(cfg, system, model), begin)
     result = report(cfg, folder, system, data, model, told, trainer.loggers, trainer.global_step)
     if cfg.get("refine"):
         result["refined"] = refine(cfg, system, data, model)
@@ -102,6 +91,34 @@ def _train(cfg: Config, folder: Path) -> dict[str, Any]:
     log.info(summarise(result, folder))
     log.info(f"next: {called('evaluate')} run={os.path.relpath(folder)}")
     return result
+
+
+def trained(
+    cfg: Config, folder: Path, data: TrajectoryData, model: FrictionModel, told: Mapping[str, Any], begin: float
+) -> tuple[L.Trainer, dict[str, Any]]:
+    """Train a model on data, which is ready for it; the trainer, and epochs, device and seconds.
+
+    Args:
+        told: physical parameters, for the dashboard.
+        begin: of the run, by ``time.perf_counter``.
+    """
+    step = None
+    if cfg.get("ckpt_path"):
+        checkpoint = load_checkpoint(cfg["ckpt_path"], "ckpt_path")
+        check_resumable(checkpoint, model, int(cfg["trainer"]["max_epochs"]), check_free(folder, cfg["ckpt_path"]))
+        step = int(checkpoint["global_step"])
+        bring_best(folder, cfg["ckpt_path"])
+    trainer = build_trainer(cfg, folder, bool(data.splits["validation"]), step, Dashboard(told))
+    log.info(announce(cfg, data))
+    start, writer = time.perf_counter(), trainer.checkpoint_callback
+    assert isinstance(writer, Checkpoints)
+    with writer.stopped_by_user():
+        trainer.fit(model, datamodule=data, ckpt_path=cfg.get("ckpt_path"), weights_only=True)
+    seconds = {"training": time.perf_counter() - start + writer.seconds_before}
+    use_best(model, trainer)
+    model.eval()
+    seconds["total"] = time.perf_counter() - begin + writer.seconds_before
+    return trainer, {"epochs": trainer.current_epoch, "device": str(trainer.strategy.root_device), "seconds": seconds}
 
 
 def announce_compilation(cfg: Config) -> None:

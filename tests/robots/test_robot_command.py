@@ -91,8 +91,3 @@ def test_a_mistake_ends_in_a_line(folder, more, said):
     done = call("diagnose.py", *options(folder, *more), cwd=folder)
     assert done.returncode == 2 and done.stderr.startswith("error: ") and done.stderr.count("\n") == 1, done.stderr
     assert said in done.stderr
-
-
-def test_a_robot_that_shall_be_trained_is_refused_in_a_line(folder):
-    done = call("train.py", *options(folder, "data=csv", "model=bb1"), cwd=folder)
-    assert done.returncode == 2 and "error: " in done.stderr and done.stderr.count("\n") == 1
