@@ -113,6 +113,12 @@ def test_a_training_tells_torque_errors_of_every_joint_beside_coulomb_and_viscou
         load_run(run)
 
 
+def test_the_experiment_on_a_measured_arm_composes_with_every_variant():
+    for name in ("bb1", "bb2", "pe1", "pe2"):
+        cfg = composed("train", ["experiment=ur10e", f"model={name}"])
+        assert cfg["system"]["name"] == "robot" and cfg["data"]["name"] == "ur10e" and cfg["model"]["name"] == name
+
+
 @pytest.mark.parametrize(
     ("more", "said"),
     [
