@@ -23,7 +23,6 @@ ENCODER = 2 * np.pi / 2**19
 NOISE = 0.02
 REACH = 2.2  # rad, that joints turn from their middle at most
 RIPPLES = 9  # of a turn
-LEAST = 0.05  # of mu_c is dry friction everywhere: where an effect takes more, it would drive the joint
 
 
 def seven(path: Path) -> Path:
@@ -80,7 +79,7 @@ class Arm:
         def of(load, q, v, t):
             more = (load_k * np.abs(load) + direction * load * np.sign(v)) / self.mu_c
             N = (1 + asymmetry * np.sign(v)) * (1 + drift * t) * (1 + position * q) + more
-            g = np.maximum(N, LEAST) * (self.mu_c + (self.mu_s - self.mu_c) * np.exp(-((v / self.v_s) ** 2)))
+            g = N * (self.mu_c + (self.mu_s - self.mu_c) * np.exp(-((v / self.v_s) ** 2)))
             return g, self.sigma_2 * v / (1 + drag * np.abs(v)) + offset + ripple * np.sin(RIPPLES * q)
 
         return of

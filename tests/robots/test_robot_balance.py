@@ -11,10 +11,17 @@ pytest.importorskip("pinocchio")
 from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.physics import LAWS
 from frictionpinn.physics.robot import Base, Robot
-from frictionpinn.robots.balance import solve
+from frictionpinn.robots.balance import friction_of, solve
 from frictionpinn.robots.check import inspect_robot
 from frictionpinn.robots.diagnose import Settings, diagnose
-from frictionpinn.robots.identify import begun_anew, declare, identify, independent_armatures, relative_errors
+from frictionpinn.robots.identify import (
+    begun_anew,
+    declare,
+    identify,
+    independent_armatures,
+    joint_effect,
+    relative_errors,
+)
 from frictionpinn.robots.motion import cutoff, fitted_smoothers, prepare
 
 MU, VISCOUS = np.array([6.0, 8.0, 4.0]), np.array([3.0, 5.0, 2.0])
@@ -54,6 +61,16 @@ def recorded(robot, seed=0, duration=25.0, change=None, noise=0.02):
     signals = {f"q_{k + 1}": q[:, k] for k in range(3)} | {f"tau_{k + 1}": tau[:, k] for k in range(3)}
     units = {n: "rad" if n.startswith("q") else "N*m" for n in signals}
     return Recording((Trial("run", t, signals, start=0.0),), units, "test")
+
+
+@pytest.mark.parametrize("name", ["load_friction", "load_direction"])
+def test_friction_stays_bounded_at_loads_at_which_its_dry_part_would_be_negative(name):
+    friction, t = friction_of(LAWS["lugre"](), (joint_effect(name),), True), np.arange(2000) * 1e-3
+    values = {"preload": 1.0, "sigma_0": 1e4, "sigma_1": 1.0, "sigma_2": 0.0, "mu_c": 1.0, "mu_s": 1.2, "v_s": 0.05,
+              "alpha": 2.0, name: -0.1}  # fmt: skip
+    v, load = np.sin(5 * t), 30.0 * np.cos(3 * t)
+    force = friction.force({"t": t, "v": v, "load": load}, [values[n] for n in friction.names])
+    assert np.abs(force).max() < 2 * (1.2 + 0.1 * 30.0)
 
 
 def ready(robot, recording, hz=15.0):
