@@ -14,11 +14,11 @@ from ..data.recording import Recording
 from ..errors import UserError
 from ..identify.likelihood import minima_around
 from ..identify.problem import Problem
-from ..identify.start import ROUGH, windows_of
+from ..identify.tether import followed, stages, tethered
 from ..identify.trial import TrialModel
-from ..numerics.descent import ROUGHLY, assembled, coarse_to_fine, levenberg_marquardt, reduced
+from ..numerics.descent import assembled, coarse_to_fine, reduced
 from ..numerics.parallel import in_parallel
-from ..numerics.simulate import ContactLost, Simulation, SimulationFailed, Simulator, Values
+from ..numerics.simulate import Simulation, Simulator, Values
 from ..physics.base import plain_name
 from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
@@ -256,22 +256,15 @@ class Bench:
         return tuple(in_parallel(says, [len(model.t) for model in models]))
 
     def anew(self, fit: Fit, limits: Mapping[str, tuple[float, float]] | None = None) -> Fit | None:
-        """The same parameters estimated from short windows on, each begun as it was measured, where a missing effect
-        cannot have added up; then over whole trials from the coarsest resolution down to the sample."""
+        """The same parameters estimated anew along the path of the likelihood, the motion held to the measured one
+        first, where a missing effect cannot add up, and let go of."""
         problem = self.problem_of(self.problem, fit.names, fit.values, fit.models[0].simulator, limits)
-        windows = windows_of(problem)
-        over = problem.evaluator(windows, joint=False, width=self.widths[0], prior=False, **ROUGH)
-        first = over(fit.state.u, [model.local for model in windows], True)
-        if first is None:
+        ends = followed(problem, [fit.state.u], stages(problem, tethered(problem), fit.sigmas))
+        if not ends:
             return None
-        u = levenberg_marquardt(over, first, problem.space.limits, **ROUGHLY).state.u
-        try:
-            models = problem.models_at(u)
-        except (ContactLost, SimulationFailed):
-            return None
-        locals_ = tuple(model.local[: model.size(problem.joint)] for model in models)
-        start = replace(fit, models=models, state=replace(fit.state, locals=locals_))
-        return self.refit(start, fit.names, problem.values(u), limits=limits, widths=self.widths)
+        (solution, models), *_ = ends
+        start = replace(fit, models=models, state=solution.state)
+        return self.refit(start, fit.names, problem.values(solution.state.u), limits=limits)
 
     def settle(self, fit: Fit) -> Fit:
         """The fit at the noise levels that its residuals show, and the lowest of the minima around it."""

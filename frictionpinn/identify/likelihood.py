@@ -6,12 +6,10 @@ acceleration, and a small change of the parameters changes nothing (laws without
 :func:`frictionpinn.identify.build.beside_jumps`). So the search goes
 
 1. over whole trials, noisy inputs among the unknowns, held to the motion that was measured and let go of, each minimum
-   the start of the next (:func:`frictionpinn.identify.tether.let_go`), at the noise levels that the residuals show
+   the start of the next (:mod:`frictionpinn.identify.tether`), at the noise levels that the residuals show
    (:func:`_settled`);
-2. where that leaves what is not white: over short windows, each begun anew from what was measured, at a coarse
-   resolution in time, a design over what the sliding samples do not tell, the best refined
-   (:func:`frictionpinn.identify.start.find_start`); from these over whole trials, from that resolution to the single
-   sample (:func:`_whole`);
+2. where that leaves what is not white, the same from other starts: a design over what the sliding samples do not tell
+   and a grid over what moves together, those that fit best held by the shortest tether (:func:`_elsewhere`);
 3. around what was found, by ways that show other minima (:func:`minima_around`). Trials share the parameters alone: the
    likelihood has its minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each
    trial has been there, and they are put together (:func:`frictionpinn.numerics.descent.assembled`).
@@ -22,7 +20,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -49,19 +46,19 @@ from ..physics.mechanism import Mechanism
 from ..progress import counted
 from .problem import Problem
 from .result import Estimate, Minimum
-from .start import find_start
-from .tether import Found, followed, let_go
+from .start import coarse_design, ridge_grid, ridges
+from .tether import Found, followed, lowest, stages, tethered
 from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours
 
-ELSEWHERE = 0.1  # in log u: starts that are closer are the same
+BEST = 2  # of the points of a design, and of a grid: these are followed
 KICKS = tuple(np.geomspace(12.0, 1.0, 8))  # standard errors to where searches for other minima begin
 AT_ONCE = 2  # of these: not the number of cores, on which no result may depend
 # Times the stiffness of the fit: a ring that lasts k periods fits one off as well, at (1 -+ 1/k)^2; k is 3 to 6.
 STIFFNESSES = (0.5, 2.0, 0.7, 1.4)
 UNTOLD_REST = 3.0  # standard deviations of the noise: from where samples tell that a body moves
 BARELY = 3e-5  # m/s or rad/s: three times the usual v_t, slip that mobilises all the friction of a law without memory
-LOUD = 20.0  # times the noise by differences: residuals over windows that are larger set the level
+LOUD = 20.0  # times the noise by differences: residuals under a tether that are larger set the level
 NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
 
 
@@ -103,12 +100,12 @@ def maximum_likelihood(
         problem = Problem(mechanism, recording, **options)
     before = problem.simulations
     given = [problem.start] if start is None else [problem.start, problem.start | dict(start)]
-    ends = let_go(problem, [problem.space.to_search(p) for p in given], problem.sigmas)
-    settled = _settled(problem, ends[0][1], ends[0][0], dict(problem.sigmas)) if ends else None
+    us, held, sigmas = [problem.space.to_search(p) for p in given], tethered(problem), dict(problem.sigmas)
+    ends = followed(problem, us, stages(problem, held, sigmas))
+    settled = _settled(problem, ends[0][1], ends[0][0], sigmas) if ends else None
     if settled is None or not _white(problem, settled[0].state):  # another start may explain more
-        starts = find_start(problem, start)
-        sigmas = _sigmas_over_windows(problem, starts[0].state) if starts else dict(problem.sigmas)
-        ends = [*_whole(problem, starts, sigmas), *_again(problem, ends[:1], sigmas)]
+        found, sigmas = _elsewhere(problem, held)
+        ends = [*found, *_again(problem, ends[:1], sigmas)]
         ends.sort(key=lambda end: end[0].state.cost)
         if not ends:
             return failed(problem, time.perf_counter() - began, problem.simulations - before)
@@ -205,16 +202,17 @@ def _white(problem: Problem, state: State) -> bool:
     return whiteness(rows, round(problem.resolutions[0] / problem.interval)) > SIGNIFICANCE
 
 
-def _whole(problem: Problem, starts: Sequence[Solution], sigmas: Mapping[str, float]) -> list[Found]:
-    """Fits of the whole trials from starts over windows, best first: from the coarsest resolution to the sample. (What
-    the windows cost ranks no starts: their inputs are as measured, and a noisy push moves a stop.)
-    """
-    distinct: list[State] = []
-    for start in starts:
-        if not any(_alike(start.state, other) for other in distinct):
-            distinct.append(start.state)
-    stages = [partial(problem.evaluator, sigmas=sigmas, width=width) for width in problem.resolutions]
-    return followed(problem, [state.u for state in distinct], stages)
+def _elsewhere(problem: Problem, held: Problem | None) -> tuple[list[Found], dict[str, float]]:
+    """Fits of the whole trials from starts that a design holds, best first, and noise levels to begin with."""
+    space, (first, *_) = problem.space, stages(problem, held, problem.sigmas, coarse=True)
+    begun = followed(problem, lowest(problem, first, coarse_design(problem), BEST), [first])
+    if not begun:
+        return [], dict(problem.sigmas)
+    best = begun[0][0].state
+    grid = [u for pair in ridges(space) for u in ridge_grid(space, best.u, problem.fixed, pair)]
+    us = [end.state.u for end, _ in begun] + lowest(problem, first, grid, BEST)
+    sigmas = _louder(problem, best)
+    return followed(problem, us, stages(problem, held, sigmas, coarse=True)), sigmas
 
 
 def _again(problem: Problem, ends: Sequence[Found], sigmas: Mapping[str, float]) -> list[Found]:
@@ -225,12 +223,6 @@ def _again(problem: Problem, ends: Sequence[Found], sigmas: Mapping[str, float])
         if (first := evaluate(end.state.u, end.state.locals, True)) is not None:
             made.append((levenberg_marquardt(evaluate, first, problem.space.limits, **CLOSELY), models))
     return made
-
-
-def _alike(start: State, other: State) -> bool:
-    """Whether two starts are the same, as far as the windows tell."""
-    near = np.abs(start.u - other.u).max() < ELSEWHERE
-    return bool(near or (other.curved and same_minimum(other, start)))
 
 
 def _settled(
@@ -256,8 +248,9 @@ def _settled(
     return solution, sigmas
 
 
-def _sigmas_over_windows(problem: Problem, state: State) -> dict[str, float]:
-    """Noise levels to begin the whole trials with: those of the residuals over windows where these are far larger.
+def _louder(problem: Problem, state: State) -> dict[str, float]:
+    """Noise levels to begin other searches with: those of what is left under the shortest tether where these are far
+    larger.
 
     Differences see nothing of filtered noise or of what a model lacks, and the search would weigh signals by that.
     """

@@ -50,6 +50,8 @@ RATE = Parameter("tether", "1/s", "how fast the motion returns to the measured o
 FADING = 2.0  # times longer is each tether than the one before
 LONGEST = 3.0  # times the longest trial: a tether that holds nothing
 
+SLOPPY = {"rtol": 1e-3, "atol": 1e-4}  # errors of a step in ranking starts: far below what these differ by
+
 Found = tuple[Solution, tuple[TrialModel, ...]]  # where a search ended, and the models of the trials there
 Stage = Callable[[Sequence[TrialModel]], Evaluate]  # models of the trials -> the cost that a search follows for a while
 
@@ -96,14 +98,35 @@ def measured(c: Coordinate) -> tuple[sp.Symbol, sp.Symbol]:
     return place, speed
 
 
-def let_go(problem: Problem, us: Sequence[np.ndarray], sigmas: Mapping[str, float]) -> list[Found]:
-    """Fits of the whole trials from search vectors, best first: their motion held to the measured one and let go of.
-    None where nothing holds it.
+def stages(problem: Problem, held: Problem | None, sigmas: Mapping[str, float], *, coarse: bool = False) -> list[Stage]:
+    """The costs that a search follows in turn: the motion held to the measured one and let go of.
+
+    Args:
+        problem, held: what is solved, and :func:`tethered`: where nothing holds it the last costs are followed alone.
+        sigmas: noise standard deviations by signal, SI units.
+        coarse: compare the motion at the coarsest resolution in time first, and let go of at finer and finer ones.
     """
-    if (held := tethered(problem)) is None:
-        return []
-    stages = [partial(held_by, held, tau, sigmas=sigmas) for tau in tethers(problem)]
-    return followed(problem, us, [*stages, partial(problem.evaluator, sigmas=sigmas)])
+    widths = problem.resolutions if coarse or held is None else problem.resolutions[-1:]
+    whole = [partial(problem.evaluator, sigmas=sigmas, width=width) for width in widths]
+    if held is None:
+        return whole
+    return [*(partial(held_by, held, tau, sigmas=sigmas, width=widths[0]) for tau in tethers(problem)), *whole]
+
+
+def lowest(problem: Problem, stage: Stage, us: Sequence[np.ndarray], count: int) -> list[np.ndarray]:
+    """The ``count`` search vectors of lowest cost in a stage, lowest first: whole trials that begin as measured."""
+    if len(us) <= count:
+        return list(us)
+
+    def cost(k: int) -> float:
+        if (begun := begun_at(problem, us[k])) is None:
+            return np.inf
+        state, models = begun
+        found = stage(models)(state.u, state.locals, False, **SLOPPY)
+        return np.inf if found is None else found.cost
+
+    costs = in_parallel(cost, [1.0] * len(us), "starts tried")
+    return [us[k] for k in np.argsort(costs, kind="stable")[:count] if np.isfinite(costs[k])]
 
 
 def followed(problem: Problem, us: Sequence[np.ndarray], stages: Sequence[Stage]) -> list[Found]:
@@ -155,11 +178,13 @@ def tethered(problem: Problem) -> Problem | None:
     return problem.varied(simulator=simulator, trials=trials, values={RATE.name: 0.0}, counted=True)
 
 
-def held_by(problem: Problem, tau: float, models: Sequence[TrialModel], *, sigmas: Mapping[str, float]) -> Evaluate:
+def held_by(
+    problem: Problem, tau: float, models: Sequence[TrialModel], *, sigmas: Mapping[str, float], width: float = 0.0
+) -> Evaluate:
     """The cost of a tethered problem's trials that begin like these models, the tether tau long, s."""
     own = [replace(held, start=model.start, force_scales=model.force_scales)
            for held, model in zip(problem.trials, models, strict=True)]  # fmt: skip
-    return problem.varied(values={RATE.name: 1 / tau}, counted=True).evaluator(own, sigmas)
+    return problem.varied(values={RATE.name: 1 / tau}, counted=True).evaluator(own, sigmas, width=width)
 
 
 def tethers(problem: Problem) -> list[float]:

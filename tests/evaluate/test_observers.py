@@ -57,7 +57,6 @@ def test_a_law_that_cannot_be_identified_is_left_out_with_a_word(monkeypatch, ca
     from frictionpinn.identify import likelihood
 
     system, _, noisy, _ = prepared("drive")
-    for search in ("let_go", "find_start"):
-        monkeypatch.setattr(likelihood, search, lambda *args, **options: [])
+    monkeypatch.setattr(likelihood, "followed", lambda *args, **options: [])
     assert module.identify(system, "lugre", noisy) is None
     assert "no observer with identified parameters" in caplog.text

@@ -1,7 +1,5 @@
 """The parts of the engine: search coordinates, splines, elimination, derivatives."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from cases import case
@@ -10,7 +8,6 @@ from hypothesis import strategies as st
 
 from frictionpinn.identify import Problem
 from frictionpinn.identify.space import Space
-from frictionpinn.identify.start import lowest
 from frictionpinn.identify.uncertainty import WIDEST, widened
 from frictionpinn.numerics.descent import Piece, State, reduced
 from frictionpinn.numerics.gram import gram
@@ -154,25 +151,6 @@ def test_correlation_time_is_one_for_white_noise_and_longer_for_filtered_noise()
     assert correlation_time([white]) == pytest.approx(1.0, abs=0.2)
     filtered = np.convolve(white, np.ones(8) / 8, "valid")
     assert correlation_time([filtered]) == pytest.approx(8.0, rel=0.3)
-
-
-def test_ranking_by_parts_finds_the_lowest_points_without_simulating_all():
-    rng = np.random.default_rng(0)
-    minimum, calls = rng.normal(size=(9, 2)) * 0.1, [0]
-
-    def evaluator(which):
-        def evaluate(u, locals_, derivatives, **options):
-            calls[0] += len(which)
-            return SimpleNamespace(cost=sum(float((u - minimum[k]) @ (u - minimum[k])) for k in which))
-
-        return evaluate
-
-    us = list(rng.normal(size=(40, 2)))
-    costs = [evaluator(range(9))(u, (), False).cost for u in us]
-    calls[0] = 0
-    found = lowest(evaluator, [np.zeros(0)] * 9, us, 2)
-    assert [costs[next(k for k, u in enumerate(us) if u is own)] for own in found] == sorted(costs)[:2]
-    assert calls[0] < 0.7 * 9 * len(us)
 
 
 @pytest.mark.parametrize(("information", "factor"), [(25.0, 2.0), (400.0, 1.0), (1e-3, WIDEST)])

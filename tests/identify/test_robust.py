@@ -1,15 +1,12 @@
 """Landscapes that mislead: jumps within a sample, friction that a law has and the data have not, work within work."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from cases import case, deviations
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
-from frictionpinn.identify import Problem, maximum_likelihood
-from frictionpinn.identify.start import MOST_WINDOWS, windows_of
+from frictionpinn.identify import maximum_likelihood
 from frictionpinn.numerics.loss import LOSSES, choose_loss
 from frictionpinn.numerics.parallel import in_parallel
 
@@ -40,16 +37,6 @@ def test_friction_that_does_not_rise_towards_rest_is_told_in_words():
     assert any(text.startswith(said) for text in estimate.advice)
     low, high = estimate.ci95["mu_c"]
     assert abs(truth["mu_c"] - estimate.values["mu_c"]) < 0.75 * (high - low)  # three standard deviations
-
-
-def test_a_long_recording_starts_from_a_sample_of_its_windows():
-    mechanism, _, _, noisy, _ = case("drive", "dahl", (0, 1))
-    problem = Problem(mechanism, noisy)
-    few = len(windows_of(problem))
-    longer = SimpleNamespace(
-        fixed=problem.fixed, start=problem.start, motions=problem.motions * (2 * MOST_WINDOWS // few + 1)
-    )
-    assert len(windows_of(longer)) == MOST_WINDOWS
 
 
 def test_work_within_work_keeps_its_order_and_ends():

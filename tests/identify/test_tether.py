@@ -7,7 +7,8 @@ import pytest
 from cases import case
 
 from frictionpinn.identify import Problem
-from frictionpinn.identify.tether import FADING, LONGEST, RATE, held_by, let_go, tethered, tethers
+from frictionpinn.identify.start import coarse_design
+from frictionpinn.identify.tether import FADING, LONGEST, RATE, followed, held_by, lowest, stages, tethered, tethers
 from frictionpinn.numerics.descent import levenberg_marquardt
 
 
@@ -56,7 +57,8 @@ def test_tethers_double_from_a_stretch_of_low_speed_to_beyond_the_longest_trial(
 
 def test_let_go_the_fit_ends_in_the_minimum_of_the_truth(box):
     problem, truth = box
-    found = let_go(problem, [problem.space.to_search(problem.start)], problem.sigmas)
+    path = stages(problem, tethered(problem), problem.sigmas)
+    found = followed(problem, [problem.space.to_search(problem.start)], path)
     solution, models = found[0]
     evaluate = problem.evaluator(models)
     begun = evaluate(problem.space.to_search(truth), [m.local[: m.size(problem.joint)] for m in models], True)
@@ -70,6 +72,23 @@ def test_a_held_cost_counts_among_the_problems_simulations(box):
     evaluate = held_by(tethered(problem), 0.1, problem.trials, sigmas=problem.sigmas)
     evaluate(problem.space.to_search(truth), [m.local[: m.size(problem.joint)] for m in problem.trials], False)
     assert problem.simulations == before + 1
+
+
+def test_held_closely_the_start_nearest_to_the_truth_is_ranked_first(box):
+    problem, truth = box
+    first, *_ = stages(problem, tethered(problem), problem.sigmas, coarse=True)
+    wrong = [problem.space.to_search(truth | {"sigma_0": s * truth["sigma_0"]}) for s in (0.1, 0.3, 10.0)]
+    near = problem.space.to_search(truth | {"sigma_0": 1.1 * truth["sigma_0"]})
+    (best,) = lowest(problem, first, [*wrong, near], 1)
+    assert best is near
+
+
+def test_the_design_reaches_beyond_the_default_start_in_what_sliding_does_not_tell(box):
+    problem, _ = box
+    values = [problem.space.named(u) for u in coarse_design(problem)]
+    for name in ("sigma_0", "sigma_1", "v_s"):
+        own = [p[name] for p in values]
+        assert min(own) < 0.5 * problem.start[name] < 2 * problem.start[name] < max(own)
 
 
 def test_what_shows_accelerations_alone_is_not_held(box):
