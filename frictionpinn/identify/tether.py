@@ -173,7 +173,8 @@ def tethered(problem: Problem) -> Problem | None:
     if not mechanism.free or not all(shown & set(c.signals[:2]) for c in mechanism.free):
         return None
     placed = frozenset(shown & {c.signals[0] for c in mechanism.free})
-    simulator = Simulator(Held(mechanism.system, mechanism.law, mechanism.effects, placed))
+    kind = type(problem.simulator)  # one that passes over parameters of effects that are left out stays so
+    simulator = kind(Held(mechanism.system, mechanism.law, mechanism.effects, placed))
     trials = [_along(motion, model, simulator) for motion, model in zip(problem.motions, problem.trials, strict=True)]
     return problem.varied(simulator=simulator, trials=trials, values={RATE.name: 0.0}, counted=True)
 
