@@ -15,6 +15,7 @@ from .recording import Recording
 
 SEED = 20  # of the noise that is added; the figures are means over thousands of samples
 ONE_SIGMA = 0.6827  # share of normal errors within one standard deviation
+CLEAN = 1e-3  # of its root mean square: error of a slip velocity as good as free of noise, which models do not undercut
 FINER, REACH = 4, 16  # points of the errors' shape in the time over which they stay alike, and its reach in such times
 
 
@@ -31,8 +32,8 @@ def input_noise(recording: Recording, system: System, smoother: Smoother, trials
 
     Returns:
         ``input_error``: root mean square error of a_frictionless; ``start_error``: of v_slip; ``slip_noise``,
-        ``force_noise``: of v_slip and friction_force as measured; 0 where nothing was smoothed. ``input_shape``,
-        ``input_step``: see :func:`shape`.
+        ``force_noise``: of v_slip and friction_force as measured; where nothing was smoothed 0, of v_slip ``CLEAN``.
+        ``input_shape``, ``input_step``: see :func:`shape`.
     """
     off = {
         name: np.concatenate([trial.seen[name] - trial.offline[name] for trial in trials]) for name in trials[0].seen
@@ -42,6 +43,8 @@ def input_noise(recording: Recording, system: System, smoother: Smoother, trials
     names = [name for c in system.moving for name in c.signals if name in trials[0].measured]
     sigmas = {name: _size(np.concatenate([t.measured[name] - t.smoothed[name] for t in trials])) for name in names}
     if not any(sigmas.values()):
+        speed = np.concatenate([trial.offline["v_slip"] for trial in trials])
+        found["slip_noise"] = CLEAN * _rms(speed)
         return found | {"input_error": 0.0, "start_error": 0.0, "input_shape": [], "input_step": 0.0}
     for trial in trials:
         noisy = {name: trial.smoothed[name] + sigmas[name] * rng.standard_normal(len(trial.t)) for name in names}

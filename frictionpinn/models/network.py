@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+from typing import Any
+
 import torch
 from torch import Tensor, nn
 
@@ -66,3 +69,17 @@ class FrictionNetwork(nn.Module):
             return layers(u)
         mirrored = torch.where(self.signs < 0, -u, u)
         return (layers(u) - layers(mirrored)) / 2
+
+
+def perceptron(network: dict[str, Any], outputs: int) -> nn.Sequential:
+    """Layers as of the other variants, of slip velocity and load; 0 everywhere at first."""
+    activation = choose(network["activation"], ACTIVATIONS, "model.network.activation")
+    width, depth = int(network["width"]), int(network["depth"])
+    sizes = [2, *[width] * depth]
+    layers: list[nn.Module] = []
+    for size, more in pairwise(sizes):
+        layers += [nn.Linear(size, more), activation()]
+    last = nn.Linear(width, outputs)
+    nn.init.zeros_(last.weight)
+    nn.init.zeros_(last.bias)
+    return nn.Sequential(*layers, last)

@@ -29,12 +29,12 @@ def lengths(trials: Sequence[ContactTrial], noise: float) -> list[list[int]]:
 
 def through(wanted: Any, moving: bool, scales: dict[str, float]) -> str:
     """What a training goes through: where nothing is said, the motion if the model moves the contact online too."""
-    possible = min(scales["mobility"], scales["slip_noise"], scales["force_noise"]) > 0
+    possible = min(scales["mobility"], scales["slip_noise"]) > 0
     if wanted is None:
-        return "motion" if moving and possible else "balance"
+        return "motion" if moving and possible and scales["force_noise"] > 0 else "balance"
     choose(wanted, dict.fromkeys(THROUGH), "model.loss.through")
     if wanted == "motion" and not possible:
         raise UserError("no motion to train through", where="model.loss.through", received="motion",
-                        allowed="balance here: motion wants a contact that friction moves by a constant mobility, and "
-                        "measured noise", fix="leave model.loss.through=null")  # fmt: skip
+                        allowed="balance here: motion wants a contact that friction moves by a constant mobility",
+                        fix="leave model.loss.through=null")  # fmt: skip
     return wanted

@@ -3,7 +3,6 @@ dissipative; trained along the measured motion or through the motion that it mak
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,8 +16,9 @@ from ..numerics.torch_functions import LawFunctions
 from ..physics import LAWS
 from ..physics.beforehand import EXCESS, SPREADS, STRIBECK
 from .base import Batch, FrictionModel
+from .beside_law import beside_law, met_at
 from .elements import StateFriction
-from .network import ACTIVATIONS
+from .network import perceptron
 from .parameters import LawParameters
 from .segments import GATE, segments, through
 from .state_start import find_start
@@ -67,6 +67,7 @@ class StateModel(FrictionModel):
 
     kernel: Tensor
     between: Tensor
+    met: Tensor
     share: Tensor
     knots: Tensor
     eyes: Tensor
@@ -100,6 +101,7 @@ class StateModel(FrictionModel):
             kind = choose(law["name"], LAWS, "friction")
             self.law_parameters = LawParameters(kind(), **{key: value for key, value in law.items() if key != "name"})
             self.functions = LawFunctions(kind())
+            self.register_buffer("met", torch.ones(len(knots), dtype=torch.float64))
         else:
             self._elements(options)
         if options.get("delay"):
@@ -148,6 +150,7 @@ class StateModel(FrictionModel):
         if self.law_parameters is not None:
             p = {name: value.double() for name, value in self.law_parameters().items()}
             v, N = self.knots[:, 0], self.knots[:, 1]
+            told = beside_law(told, self.functions.capacity, self.law_parameters.raw, p, self.knots, self.met)
             T = self.functions.capacity(v, N, *p.values()) / (p["sigma_0"] * N) * torch.exp(told[:, 0])
             zero = torch.zeros((), dtype=torch.float64, device=T.device)
             r = p.get("sigma_2", zero) * torch.ones_like(T)
@@ -178,6 +181,8 @@ class StateModel(FrictionModel):
             ahead = nn.functional.conv1d(self.inputs_off.double()[None, None], self.kernel[None, None])[0, 0]
             off = self.scales["input_error"] * ((1 - share) * ahead[low] + share * ahead[low + 1])
             A = A + off
+        if moving and hasattr(self, "delay"):
+            A = A + self.lag() * self.scales["mobility"] * batch["whole_rate"][:, 0].double()
         z0 = self._start(column["target"][first], v[first], column["N"][first], tables, elements)
         start_off = torch.zeros(int(first.sum()), dtype=torch.float64)
         if known and hasattr(self, "starts_off"):
@@ -201,13 +206,18 @@ class StateModel(FrictionModel):
         slides = v.abs() > 2 * GATE * self.scales["slip_noise"]
         return torch.where(slides[:, None] & (self.moving or self.through == "motion"), settled, carried)
 
-    def _read(self, tables: Tensor, v: Tensor, N: Tensor) -> Tensor:
-        """The tables at points, shape (n, K + 1)."""
+    def _cells(self, v: Tensor, N: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Shares and cells of points in the tables."""
         v0, first, step, lowest, apart = self.grid
         x = ((torch.asinh(v / v0) - first) / step).clamp(0, KNOTS - 1)
         y = ((N - lowest) / apart).clamp(0, LOADS - 1)
         i, j = x.long().clamp_max(KNOTS - 2), y.long().clamp_max(LOADS - 2)
-        x, y = (x - i)[:, None], (y - j)[:, None]
+        return x - i, y - j, i, j
+
+    def _read(self, tables: Tensor, v: Tensor, N: Tensor) -> Tensor:
+        """The tables at points, shape (n, K + 1)."""
+        x, y, i, j = self._cells(v, N)
+        x, y = x[:, None], y[:, None]
         near, far = (tables[:, i + k].transpose(0, 1) for k in (0, 1))
         at = torch.arange(len(v))
         sides = [(1 - y) * side[at, :, j] + y * side[at, :, j + 1] for side in (near, far)]
@@ -236,6 +246,8 @@ class StateModel(FrictionModel):
         """The knots are scaled by construction; a black box starts from the reach that fits best, a parameter
         estimator that is trained through the motion as :func:`.state_start.find_start` says."""
         if self.law_parameters is not None:
+            v, N = (batch[name][:, 0].double() for name in ("v", "N"))
+            self.met.copy_(met_at(self._cells(v, N), N**2, (KNOTS, LOADS)))
             if self.through == "motion" and self.law_parameters.raw:
                 find_start(self, batch)
             return
@@ -293,8 +305,9 @@ class StateModel(FrictionModel):
         n, scales = len(batch["v"]), self.scales
         force = found["force"] - found["off"] / scales["mobility"] - batch["seen_F"][:, 0].double()
         slip = found["slip"] - batch["seen_v"][:, 0].double()
-        parts = {"force": (force / scales["force_noise"]).clamp(-FAR, FAR).square().mean(),
-                 "slip": (slip / scales["slip_noise"]).clamp(-FAR, FAR).square().mean()}  # fmt: skip
+        parts = {"slip": (slip / scales["slip_noise"]).clamp(-FAR, FAR).square().mean()}
+        if scales["force_noise"] > 0:  # where nothing was smoothed the accelerations are derived, and say nothing more
+            parts["force"] = (force / scales["force_noise"]).clamp(-FAR, FAR).square().mean()
         if own and hasattr(self, "inputs_off"):
             parts["inputs"] = (self.inputs_off.square().sum() + self.starts_off.square().sum()).double() / n
         if own and self.law_parameters is not None:
@@ -332,17 +345,3 @@ class StateModel(FrictionModel):
         with torch.no_grad():
             tables, elements, _ = self.tables()
         return StateFriction(tables.cpu().numpy(), self.grid, elements.cpu().numpy())
-
-
-def perceptron(network: dict[str, Any], outputs: int) -> nn.Sequential:
-    """Layers as of the other variants, of slip velocity and load; 0 everywhere at first."""
-    activation = choose(network["activation"], ACTIVATIONS, "model.network.activation")
-    width, depth = int(network["width"]), int(network["depth"])
-    sizes = [2, *[width] * depth]
-    layers: list[nn.Module] = []
-    for size, more in pairwise(sizes):
-        layers += [nn.Linear(size, more), activation()]
-    last = nn.Linear(width, outputs)
-    nn.init.zeros_(last.weight)
-    nn.init.zeros_(last.bias)
-    return nn.Sequential(*layers, last)
