@@ -86,7 +86,7 @@ def load_multiarm_pendulum(
         cutoff_hz: zero-phase low-pass of the authors' angular rate before it is differentiated, Hz.
         raw_cutoff_hz: the same for the raw angle, which the encoder quantises to 0.157 mrad, Hz.
         from_angle: take the rate from the authors' angle, at that cutoff, and not theirs, which comes 0.7 ms after it:
-            a force balance at one instant sees so much less friction (a tenth to none is left of its viscous part).
+            a force balance at one instant sees a quarter of the viscous friction.
 
     Returns:
         Signals theta (rad, from upright: it hangs at pi), omega (rad/s), alpha (rad/s^2).
