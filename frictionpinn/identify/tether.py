@@ -107,7 +107,7 @@ def stages(problem: Problem, held: Problem | None, sigmas: Mapping[str, float], 
         coarse: compare the motion at the coarsest resolution in time first, and let go of at finer and finer ones.
     """
     widths = problem.resolutions if coarse or held is None else problem.resolutions[-1:]
-    whole = [partial(problem.evaluator, sigmas=sigmas, width=width) for width in widths]
+    whole: list[Stage] = [partial(problem.evaluator, sigmas=sigmas, width=width) for width in widths]
     if held is None:
         return whole
     return [*(partial(held_by, held, tau, sigmas=sigmas, width=widths[0]) for tau in tethers(problem)), *whole]
