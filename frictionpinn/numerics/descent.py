@@ -5,7 +5,7 @@ By Levenberg and Marquardt's method; where it is rugged from a coarse resolution
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -163,13 +163,15 @@ def moved(
     return u, [x if X is None else x - X[:, :n] @ (u - state.u) for x, X in zip(state.locals, back, strict=True)]
 
 
-def _step(state: State, damping: float, limits: Limits) -> tuple[np.ndarray, list[np.ndarray], float] | None:
+def _step(
+    state: State, damping: float, limits: Limits, held: Collection[int] = ()
+) -> tuple[np.ndarray, list[np.ndarray], float] | None:
     """Damped Gauss-Newton step (global, local) and the decrease that the quadratic model predicts for it.
 
     It minimises the model within the limits, and is shortened to ``LONGEST_STEP``. Damped are the steps of u with the
     local unknowns following (in S, whose diagonal grows) and those of the local unknowns by themselves: damped in H, a
-    parameter that a trial's own unknowns nearly stand for would hardly move. An unknown that hardly shows would go far,
-    and hold back all the others: ``FAINT`` keeps it near.
+    parameter that a trial's own unknowns nearly stand for would hardly move. The local unknowns of the trials ``held``
+    follow alone. An unknown that hardly shows would go far, and hold back all the others: ``FAINT`` keeps it near.
     """
     S, g, back = reduced(state)
     n = len(state.u)
@@ -190,7 +192,8 @@ def _step(state: State, damping: float, limits: Limits) -> tuple[np.ndarray, lis
             found = lsq_linear(lower.T, right, box, method="bvls").x * scale
         du[free] = found
     du *= min(1.0, LONGEST_STEP / max(np.abs(du).max(initial=0.0), 1e-300))
-    dl = [np.zeros(0) if X is None else -X[:, n] / (1 + damping) - X[:, :n] @ du for X in back]
+    own = [0.0 if k in held else 1 / (1 + damping) for k in range(len(back))]
+    dl = [np.zeros(0) if X is None else -X[:, n] * share - X[:, :n] @ du for X, share in zip(back, own, strict=True)]
     decrease = 0.0
     for piece, d in zip(state.pieces, dl, strict=True):
         decrease -= float(du @ piece.grad_g + 0.5 * du @ piece.gg @ du)
@@ -211,10 +214,12 @@ def levenberg_marquardt(
 ) -> Solution:
     """Minimise the cost within bounds on the global unknowns.
 
-    A trial step for which the model cannot be simulated is rejected like one that raises the cost. Steps end at the
-    bounds: each minimises the quadratic model within them. The search ends where the undamped model promises less than
-    ``decrease`` (in units of the log-likelihood, see :attr:`State.unit`), where two steps in a row gain hardly more, or
-    after ``iterations``. Damping that grows from nothing begins where it matters to what is told worst.
+    A trial step for which the model cannot be simulated is rejected like one that raises the cost. Where it raises that
+    of some trials, their own unknowns follow the parameters alone before anything is damped: noisy motion turns round a
+    sample later than measured and dry friction changes sign there, a wall that holds up one trial and no other. Steps
+    end at the bounds: each minimises the quadratic model within them. The search ends where the undamped model promises
+    less than ``decrease`` (in units of the log-likelihood, see :attr:`State.unit`), where two steps in a row gain
+    hardly more, or after ``iterations``. Damping that grows from nothing begins where it matters to what is told worst.
 
     Args:
         evaluate: the cost, see :meth:`frictionpinn.identify.Problem.evaluator`.
@@ -237,9 +242,9 @@ def levenberg_marquardt(
             return Solution(state, "converged")
         if full is not None and any(_near(best, S, state.u + full[0], state.cost - full[2]) for best, S in minima):
             return Solution(state, KNOWN)
-        rejected = 0
+        rejected, held = 0, frozenset[int]()
         while True:
-            step, better = _step(state, damping, limits), None
+            step, better = _step(state, damping, limits, held), None
             if step is not None:
                 u = np.clip(state.u + step[0], *limits)
                 locals_ = [x + d for x, d in zip(state.locals, step[1], strict=True)]
@@ -252,6 +257,11 @@ def levenberg_marquardt(
                 trust = TRUSTED[0] < ratio < TRUSTED[1]
                 break
             trust = False
+            if step is not None and better is not None and not held:
+                risen = enumerate(zip(step[1], state.pieces, better.pieces, strict=True))
+                held = frozenset(k for k, (d, was, now) in risen if len(d) and now.cost > was.cost)
+                if held:
+                    continue
             damping, growth = max(damping * growth, NEAR), growth * 2
             rejected += 1
             if damping > STUCK or rejected > MOST_REJECTED:

@@ -250,6 +250,24 @@ def test_searches_that_each_end_right_in_another_trial_make_one_that_is_right_in
     assert found.state.cost <= ends[0].state.cost
 
 
+@given(st.floats(-3.0, 3.0), st.floats(0.1, 3.0), st.floats(1e-3, 0.1))
+def test_a_wall_that_holds_up_one_trial_holds_up_neither_the_parameters_nor_the_others(told, beyond, before):
+    # The first trial's own unknown is drawn to ``beyond`` a wall at 0, as a velocity to the other side of rest.
+    def evaluate(u, locals_, derivatives, **_):
+        pieces = []
+        for (x,), place in zip(locals_, (beyond, -1.0), strict=True):
+            own, shared = x - place, u[0] - told
+            cost = 500 * own**2 + 500 * shared**2 + (1e5 if x > 0 else 0.0)
+            gg, gl, ll = np.array([[1e3]]), np.zeros((1, 1)), np.array([[1e3]])
+            pieces.append(Piece(cost, {}, gg, gl, ll, np.array([1e3 * shared]), 1e3 * np.array([own]), rows=(1, 1, 0)))
+        return State(np.asarray(u, float), tuple(locals_), tuple(pieces))
+
+    first = evaluate(np.zeros(1), (np.array([-before]), np.array([-3.0])), True)
+    found = levenberg_marquardt(evaluate, first, (np.array([-9.0]), np.array([9.0]))).state
+    assert found.u[0] == pytest.approx(told, abs=0.01)
+    assert found.locals[0][0] <= 0 and found.locals[1][0] == pytest.approx(-1.0, abs=0.01)
+
+
 def test_viscous_friction_gives_way_to_drag_along_a_straight_line():
     # sigma_2 v + drag v |v|: as logarithms their valley is bent, and a descent along it ends high after many steps.
     mechanism = Mechanism(SYSTEMS["drive"](), LAWS["coulomb_viscous"](), ("drag",))
