@@ -232,7 +232,7 @@ def levenberg_marquardt(
 
     Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05 (1999), for the damping.
     """
-    state, growth, small = start, 2.0, 0
+    state, growth, small, holds = start, 2.0, 0, True
     trust = False  # the last step came out as predicted: the next is taken with derivatives at once
     minima = [(best, reduced(best)[0]) for best in known]
     for _ in range(iterations):
@@ -257,7 +257,7 @@ def levenberg_marquardt(
                 trust = TRUSTED[0] < ratio < TRUSTED[1]
                 break
             trust = False
-            if step is not None and better is not None and not held:
+            if holds and step is not None and better is not None and not held:
                 risen = enumerate(zip(step[1], state.pieces, better.pieces, strict=True))
                 held = frozenset(k for k, (d, was, now) in risen if len(d) and now.cost > was.cost)
                 if held:
@@ -266,7 +266,9 @@ def levenberg_marquardt(
             rejected += 1
             if damping > STUCK or rejected > MOST_REJECTED:
                 return Solution(state, "stuck")
-        small = small + 1 if gain < SMALL * worth else 0
+        if held and gain < SMALL * worth:
+            holds = False  # the parameters have come through: what is left is what the trials' own unknowns can do
+        small = small + 1 if gain < SMALL * worth and not held else 0
         found = better if curved else evaluate(better.u, better.locals, True, ran=better)
         if found is None:
             return Solution(replace(better, pieces=state.pieces), "stuck")
