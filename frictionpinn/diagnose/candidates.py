@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 import sympy as sp
 
+from ..numerics.along import samples
 from ..numerics.simulate import Simulation
-from ..physics.base import CONTACT, FrictionLaw, at_contact, contact_of
-from ..physics.contacts import LocatedEffect
-from ..physics.effect import Effect, applied, hidden, load_varies, strength
+from ..physics.base import CONTACT, FrictionLaw, contact_of
+from ..physics.effect import Effect
 from ..physics.effects import applicable
+from ..physics.remainder import Remainder
 from ..physics.scan import data_scales
 from ..physics.system import System
 from .bench import Bench
@@ -25,7 +26,6 @@ from .bench import Bench
 # Where the data do not tell several effects apart, the one that occurs more often stands first.
 USUAL = ("friction", "constant_force", "asymmetry", "viscous", "payload", "inertia", "stribeck", "presliding",
          "spring_force", "delay")  # fmt: skip
-BUMPS = 8  # of a remainder: shapes that vary within an eighth of the range of its variable
 LIMIT = 0.99  # of the way to a limit is at it: searches may stop just short
 POWER = 0.95  # share of the slip velocity's power below the frequency of the fastest motion: beyond is noise
 Scales = Mapping[str, tuple[float, float]]  # see data_scales
@@ -92,106 +92,6 @@ def candidates(
             free = tuple(par.name for par in shapes if par.scan and par.scan.count > 1)
             result.append(Candidate(effect.name, group, strengths, free, grid, effect.bends))
     return tuple(result)
-
-
-class Bumps(Effect):
-    """F = F_law + sum_k c_k b_k(x), and the law sees N (1 + sum_k d_k b_k(x)): what no named effect explains.
-
-    b_k(x) = exp(-(x - x_k)^2 / h^2) are bumps at distances h over the range of the variable x. The c are one group of
-    strengths ("force"), the d another ("friction").
-
-    Units: c in the system's unit of force, d dimensionless.
-    Neutral: all c, d = 0.
-    """
-
-    def __init__(self, variable: str, symbol: sp.Expr):
-        self.variable, self.symbol, self.name = variable, symbol, f"remainder_{variable}"
-        self.place = f"{variable}_from", f"{variable}_step"  # hidden parameters: x_0 and h
-
-    def make_parameters(self, system: System, law: FrictionLaw):
-        made = [strength(f"force_{self.variable}_{k}", "{F}", "", group="force") for k in range(BUMPS)]
-        made += [strength(f"friction_{self.variable}_{k}", "1", "", group="friction") for k in range(BUMPS)]
-        first, step = self.place
-        return (*made, hidden(first, "", "", 0.0, low=-np.inf), hidden(step, "", "", 1.0))
-
-    def _sum(self, group: str, p) -> sp.Expr:
-        first, step = (getattr(p, name) for name in self.place)
-        away = (self.symbol - first) / step
-        return sum(getattr(p, f"{group}_{self.variable}_{k}") * sp.exp(-((away - k) ** 2)) for k in range(BUMPS))
-
-    def force(self, c, p, law):
-        return self._sum("force", p)
-
-    def load(self, N, c, p):
-        return N * (1 + self._sum("friction", p))
-
-
-class Remainder(LocatedEffect):
-    """What no named effect explains at a contact, as a sum of :class:`Bumps` over one variable.
-
-    Attributes:
-        variable: that it depends on; with several contacts at which, ``velocity@hinge``.
-        symbol: of it.
-        place: names of the hidden parameters that place the bumps.
-    """
-
-    def __init__(self, variable: str, symbol: sp.Expr, contact: str = ""):
-        plain = Bumps(variable, symbol)
-        super().__init__(plain, contact)
-        self.variable, self.symbol = self._here(variable), symbol
-        self.place = tuple(at_contact(contact, name) for name in plain.place)
-
-    def bumps(self, x: np.ndarray, places: Mapping[str, float]) -> np.ndarray:
-        """b_k at samples x of the variable, shape (n,) -> (n, BUMPS)."""
-        first, step = (places[name] for name in self.place)
-        return np.exp(-((((x - first) / step)[:, None] - np.arange(BUMPS)) ** 2))
-
-
-def remainders(system: System) -> tuple[Remainder, ...]:
-    """One for each variable on which a force along the slip of a contact may depend: its own, then measured ones."""
-    return tuple(Remainder(*item, c.name) for c in system.contacts for item in _variables(system.at(c.name)).items())
-
-
-def _variables(system: System) -> dict[str, sp.Expr]:
-    """What a force at a contact may depend on, by name."""
-    found: dict[str, sp.Expr] = {"time": CONTACT.t}
-    if system.slip_position is not None:
-        found["position"] = CONTACT.s
-    found |= {"velocity": CONTACT.v, "acceleration": CONTACT.a}
-    if load_varies(system):
-        found["normal_force"] = CONTACT.N
-    for c in system.moving:
-        if system.jacobian[c.name] == 0:  # a motion across the slip
-            found |= dict(zip(c.signals, c.symbols, strict=True))
-    return found | applied(system)
-
-
-def places(remainder: Remainder, samples: np.ndarray) -> dict[str, float]:
-    """Hidden parameters that spread the bumps over the range of the variable's samples, shape (n,)."""
-    low, high = np.quantile(samples, [0.002, 0.998])  # single samples far out would stretch it
-    first, step = remainder.place
-    return {first: float(low), step: float(max(high - low, 1e-9) / (BUMPS - 1))}
-
-
-def signal_symbols(system: System) -> dict[str, sp.Symbol]:
-    """Measured signal -> its symbol in the equations of motion."""
-    motion = {n: s for c in system.moving for n, s in zip(c.signals, c.symbols, strict=True)}
-    return motion | {item.name: item.symbol for item in system.inputs}
-
-
-def samples(system: System, run: Simulation, expression: sp.Expr) -> np.ndarray:
-    """An expression in a contact's variables and measured signals at the samples of a simulation, shape (n,).
-
-    ``system`` is as the contact sees it.
-    """
-    run = run.at(system.contacts[0].name)
-    known = {CONTACT.t: run.t, CONTACT.v: run.v_slip, CONTACT.N: run.N}
-    known |= {s: run.signals.get(n, np.zeros(len(run.t))) for n, s in signal_symbols(system).items()}
-    expression = sp.sympify({CONTACT.s: system.slip_position, CONTACT.a: system.a_slip}.get(expression, expression))
-    expression = expression.subs({par.symbol: system.values[par.name] for par in system.parameters})
-    symbols = sorted(expression.free_symbols, key=str)
-    value = sp.lambdify(symbols, expression, "numpy")(*(known[s] for s in symbols))
-    return np.broadcast_to(np.asarray(value, dtype=float), run.t.shape).copy()
 
 
 def scales(system: System, runs: Sequence[Simulation]) -> dict[str, Scales]:

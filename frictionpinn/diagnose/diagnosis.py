@@ -15,9 +15,10 @@ import numpy as np
 from ..data.recording import Recording
 from ..identify.result import Estimate
 from ..physics.mechanism import Mechanism
+from ..physics.remainder import Remainder, places, remainders
 from ..show import Shown, Table, interval, readable_unit
 from .bench import Bench
-from .candidates import Candidate, Remainder, candidates, effects_for, places, ranges, remainders, scales
+from .candidates import Candidate, candidates, effects_for, ranges, scales
 from .errors import main_signal
 from .fit import Fit
 from .held_out import surprise
@@ -106,7 +107,7 @@ class Diagnosis(Shown):
     # how it shows itself ---------------------------------------------------------------------------------------
     def tables(self) -> list[Table]:
         """The verdict in words, and the parameters of the augmented model beside those of the declared one."""
-        from .report import headline
+        from ..report.diagnosis import headline
 
         before = {name: self.declared.values[name] for name in self.declared.names}
         rows = [(n, value, readable_unit(self.units[n]), interval(self.ci95[n]), before.get(n))
@@ -116,7 +117,7 @@ class Diagnosis(Shown):
 
     def figures(self) -> dict[str, Figure]:
         """Errors before and after, residuals, what was tried, and what is left."""
-        from .report import figures
+        from ..report.diagnosis_figures import figures
 
         return figures(self)
 

@@ -12,11 +12,11 @@ import sympy as sp
 
 from ..errors import UserError
 from ..identify.trial import TrialModel
+from ..numerics.along import samples, signal_symbols
 from ..numerics.coloured import lone
 from ..numerics.excess import NEIGHBOURS, RESIDUAL, Excess, Level, if_apart, noise_level
 from ..physics.system import System
 from .bench import Bench
-from .candidates import samples, signal_symbols
 from .fit import Fit
 
 FORCE = "friction_force"

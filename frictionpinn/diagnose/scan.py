@@ -17,12 +17,14 @@ import numpy as np
 from ..numerics.coloured import Noise, fit_noise
 from ..numerics.parallel import in_parallel
 from ..numerics.resolution import samples_within
+from ..numerics.score_test import SINGULAR, TINY, Columns, Normal, Rows, beside, log_p, solve
 from ..numerics.simulate import ContactLost, Simulation, SimulationFailed
 from ..numerics.tangent import Tangent
+from ..physics.remainder import BUMPS, Remainder
 from .bench import Bench
-from .candidates import BUMPS, Candidate, Remainder
+from .candidates import Candidate
 from .fit import Fit
-from .score import SINGULAR, TINY, Columns, Normal, Rows, beside, linearise, log_p, solve, weighted
+from .linearise import linearise, weighted
 
 GUESS = 0.1  # of its usual size: a strength whose step no derivative tells
 BEYOND = 1e8  # times the range of the signals: squares of such columns and of others have no common digits
@@ -62,7 +64,7 @@ class Remaining:
     """How much a force or a friction that depends on one variable would explain.
 
     Attributes:
-        variable: it, see :func:`frictionpinn.diagnose.candidates.remainders`.
+        variable: it, see :func:`frictionpinn.physics.remainder.remainders`.
         kind: "force" or "friction".
         log_p: as of a candidate.
         coefficients: of the bumps, one Gauss-Newton step, shape (BUMPS,).
@@ -260,8 +262,9 @@ class _Place:
         return in_parallel(work, [row.r.size for row in self.rows])
 
     def left(self, changes: Sequence[np.ndarray], names: Sequence[str]) -> tuple[list[Columns], np.ndarray, np.ndarray]:
-        """Columns beside what is estimated, what they take of that (see :func:`frictionpinn.diagnose.score.beside`),
-        and their squared lengths before: infinite of those that overflow.
+        """Columns beside what is estimated, what they take of that, and their squared lengths before.
+
+        See :func:`frictionpinn.numerics.score_test.beside`. Those that overflow have infinite length.
 
         Args:
             changes: rows of every trial, shape (signals, n, columns).

@@ -8,13 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..identify.uncertainty import UNTOLD, interval
+from ..physics.remainder import Remainder
 from ..progress import Steps
 from .bench import Bench
-from .candidates import Candidate, Remainder, impossible
+from .candidates import Candidate, impossible
 from .contenders import Contender, Refused, Settings, judged, needed, refitted
 from .fit import Fit
 from .scan import Scanned, Tested, scan
-from .score import ALIKE
+
+ALIKE = 0.995  # share of a candidate's trace that another explains: the data do not tell them apart
 
 
 @dataclass(frozen=True)

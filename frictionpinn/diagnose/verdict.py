@@ -13,13 +13,14 @@ from ..data.inspect import no_slip
 from ..identify.result import NO_EXCITATION
 from ..numerics.coloured import Noise
 from ..numerics.formula import sparse_formula
+from ..numerics.score_test import Columns, Normal
+from ..physics.remainder import Remainder
 from .bench import Bench
-from .candidates import Remainder
 from .errors import compare, main_signal
 from .fit import Fit
 from .held_out import check
+from .linearise import linearise, on_probe
 from .scan import Remaining, Scanned
-from .score import Columns, Normal, linearise, on_probe
 from .select import Accepted, Selection, Settings
 
 FOUND, NOTHING, PARTLY, UNEXPLAINED = "effect found", "nothing missing", "partly explained", "unexplained"

@@ -9,13 +9,13 @@ from typing import Any
 import sympy as sp
 import yaml
 
-from ..diagnose.candidates import remainders
 from ..diagnose.diagnosis import Diagnosis
 from ..errors import UserError, choose
 from ..physics import SYSTEMS
 from ..physics.base import CONTACT, SESSION, TIME, TRIAL
 from ..physics.contacts import law_named
 from ..physics.mechanism import Mechanism
+from ..physics.remainder import remainders
 from ..physics.system import System
 
 _HEAD = "# A friction model with the effects that a diagnosis added: python train.py friction=<this file>\n"

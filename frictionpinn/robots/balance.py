@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import t
 
-from ..diagnose.score import inverse_root
 from ..numerics.imposed import ImposedFriction
+from ..numerics.score_test import inverse_root
 from ..physics import FrictionLaw
 from ..physics.base import Parameter, at_contact, contact_of, plain_name
 from ..physics.effect import Effect

@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..diagnose.candidates import BUMPS, Candidate, candidates
+from ..diagnose.candidates import Candidate, candidates
 from ..physics.base import at_contact
 from ..physics.effect import Effect
+from ..physics.remainder import BUMPS
 from ..physics.robot_joint import RobotJoint
 from ..physics.scan import data_scales
 from .balance import Model, friction_of

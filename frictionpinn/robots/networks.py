@@ -22,9 +22,9 @@ import numpy as np
 import torch
 
 from ..data.thresholds import JITTER
-from ..diagnose.score import inverse_root
 from ..errors import UserError
 from ..models import JointNetworks, JointTrial
+from ..numerics.score_test import inverse_root
 from ..numerics.torch_functions import LawFunctions
 from ..physics.base import at_contact, contact_of, plain_name
 from .balance import Model, Solution

@@ -14,7 +14,6 @@ from ..data.recording import Recording
 from ..data.split import split_trials
 from ..diagnose.diagnosis import Diagnosis
 from ..diagnose.diagnosis import diagnose as run_diagnosis
-from ..diagnose.report import draw, gain_together, headline, span, write_page
 from ..diagnose.select import Settings
 from ..diagnose.verdict import FOUND, NO_VERDICT, PARTLY, UNEXPLAINED
 from ..errors import UserError, choose
@@ -24,6 +23,9 @@ from ..physics.effects import EFFECTS
 from ..physics.mechanism import Mechanism
 from ..physics.notation import equations, in_latex, in_mathml
 from ..progress import shorter
+from ..report.diagnosis import gain_together, headline, write_page
+from ..report.diagnosis_figures import draw
+from ..report.words import span
 from ..show import readable_unit
 from .build import (
     Config,

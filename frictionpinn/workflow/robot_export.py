@@ -15,11 +15,11 @@ from ..errors import UserError
 from ..physics.base import FrictionLaw
 from ..physics.friction import CONTACT_LAWS
 from ..physics.robot import Base
+from ..report.robot import write_page
 from ..robots.arm import Arm
 from ..robots.handing_on import hand_on
 from ..robots.identify import declare
 from ..robots.motion import prepare
-from ..robots.report import write_page
 from ..robots.whole import LAG
 from .build import Config
 from .manifest import RESULT, write_json

@@ -20,11 +20,11 @@ from ..models.start import complete, data_scales, default_start
 from ..physics.base import at_contact
 from ..physics.mechanism import Mechanism
 from ..physics.robot_joint import RobotJoint
+from ..report.robot import torques_over_time
 from ..robots.balance import Solution, as_text
 from ..robots.identify import identify, relative_errors
 from ..robots.networks import OFFSET, Trained, joint_trials, kernel_of, law_values, start, weights
 from ..robots.recording import TORQUE_AT
-from ..robots.report import torques_over_time
 from .build import Config, mapping, seed_of
 from .dashboard import show_figures, show_hyper_parameters
 from .experiment import common_options

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from frictionpinn.diagnose.candidates import BUMPS, candidates, effects_for, places, remainders
+from frictionpinn.diagnose.candidates import candidates, effects_for
 from frictionpinn.errors import UserError
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.physics.remainder import BUMPS, places, remainders
 from frictionpinn.physics.scan import SCALES
 
 ONE = dict.fromkeys(SCALES, (0.0, 1.0))

@@ -21,7 +21,6 @@ from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose import report
 from frictionpinn.diagnose.diagnosis import diagnose
-from frictionpinn.diagnose.report import evidence_so_far, headline
 from frictionpinn.diagnose.select import Settings
 from frictionpinn.errors import UserError
 from frictionpinn.export.augmented import folded, load_augmented, save_augmented
@@ -29,6 +28,7 @@ from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.effect import Effect, strength
 from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.report.diagnosis import evidence_so_far, headline
 from frictionpinn.workflow import diagnose as workflow
 
 ROOT = Path(__file__).resolve().parents[2]

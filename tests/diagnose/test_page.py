@@ -2,10 +2,10 @@
 
 import pytest
 
-from frictionpinn.diagnose.report import chance
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.physics.notation import equations, in_latex, in_mathml
+from frictionpinn.report.words import chance
 
 
 @pytest.fixture(scope="module")

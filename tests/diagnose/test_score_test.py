@@ -13,8 +13,8 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from frictionpinn.diagnose import score
-from frictionpinn.diagnose.score import Columns, Normal, Rows, basis, beside, log_p, project
 from frictionpinn.numerics.coloured import Noise, fit_noise, outliers
+from frictionpinn.numerics.score_test import Columns, Normal, Rows, basis, beside, log_p, project
 
 WHITE = Noise()
 

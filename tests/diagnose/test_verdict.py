@@ -9,12 +9,13 @@ import pytest
 from test_diagnosis import Waves, diagnosed
 
 from frictionpinn.diagnose import verdict as verdicts
-from frictionpinn.diagnose.candidates import BUMPS, Remainder, places, ranges
-from frictionpinn.diagnose.report import headline
+from frictionpinn.diagnose.candidates import ranges
 from frictionpinn.diagnose.scan import Remaining
 from frictionpinn.diagnose.select import Settings
 from frictionpinn.diagnose.verdict import judge, size
 from frictionpinn.physics.base import CONTACT
+from frictionpinn.physics.remainder import BUMPS, Remainder, places
+from frictionpinn.report.diagnosis import headline
 from frictionpinn.workflow.diagnose import as_dict
 
 

@@ -1,164 +1,26 @@
-"""The report of a diagnosis: its verdict in words, figures, and one self-contained page with the equation."""
+"""Figures of a diagnosis: error before and after, residual, what was tried, the proof, and what is left."""
 
 from __future__ import annotations
 
-import base64
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Template
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..data.findings import listed
+from ..diagnose.diagnosis import Diagnosis
+from ..diagnose.errors import main_signal
+from ..diagnose.verdict import Unexplained
 from ..evaluate.picture import save_png
 from ..evaluate.style import INK, readable
-from ..numerics.excess import RESIDUAL
-from ..show import LOOKS, readable_unit
-from .diagnosis import Diagnosis
-from .errors import main_signal
-from .verdict import FOUND, NO_VERDICT, NOTHING, PARTLY, UNEXPLAINED, Unexplained
+from .diagnosis import dependence, evidence_so_far
+from .words import spaced
 
 MOST_TRIALS, MOST_BARS = 3, 12  # in one figure: what fits on a screen
-INSTANTS = 200  # at which the evidence so far is drawn
-LEAST_CHANCE = -100  # decimal logarithm: no noise is known so well that smaller ones differ
-
-
-def headline(d: Diagnosis) -> str:
-    """The verdict, the error before and after beside the noise, and what is left: a few sentences."""
-    names = []
-    for a in d.accepted:
-        alike = ", ".join(c.name for c, _ in a.alike)
-        names.append(a.candidate.name + (f" (or {alike}: the data do not tell them apart)" if alike else ""))
-    missing, unnamed = f"Missing: {listed(names)}{gain_in_words(d)}", dependence(d.unexplained)
-    said = {
-        FOUND: f"{missing}.",
-        NOTHING: f"Nothing is missing that this recording could show{' and that matters' if d.trifle else ''}.",
-        PARTLY: f"{missing}; and beyond that {unnamed}, which no name fits.",
-        UNEXPLAINED: f"Something is missing that none of the names fits: {unnamed}.",
-        NO_VERDICT: f"No verdict: {'; '.join(d.doubts)}.",
-    }
-    sentences = [said[d.verdict], error_in_words(d)]
-    if d.shares and d.left["value"] is not None:
-        each = [f"{a.candidate.name} took off {share(own)}" for a, own in zip(d.accepted, d.shares, strict=True)]
-        left = ", ".join(filter(None, [f"{share(d.left)} is left", dependence(d.unexplained or d.trifle)]))
-        sentences.append(f"Of the squared error of {_spaced(d.main)} beyond the noise, {listed(each)}; {left}.")
-    if d.trifle is not None:
-        sentences.append(f"Significant but small: {dependence(d.trifle)}, {100 * d.trifle.size:.2g} % of the friction "
-                         f"force (diagnose.worth: {100 * d.settings.worth:.2g} %).")  # fmt: skip
-    if untested := {r.candidate.name for r in d.refused if "could not be tested" in r.why}:
-        sentences.append(f"{len(untested)} candidates could not be tested: their derivatives overflow in the "
-                         "simulation.")  # fmt: skip
-    return " ".join(sentences)
-
-
-def dependence(rest: Unexplained | None) -> str:
-    """What a remainder is and on which variables it may depend, three at most; empty where there is none."""
-    if rest is None:
-        return ""
-    kind, variables = "friction" if rest.kind == "friction" else "a force", _spaced(" or ".join(rest.depends_on[:3]))
-    if not rest.confirmed:
-        return f"{kind} that goes with {variables} in the fitted trials alone"
-    return f"{kind} that depends on {variables}"
-
-
-def gain_in_words(d: Diagnosis) -> str:
-    """What the held-out trials say of the effects: an rms error with much noise in it hardly moves.
-
-    Where the parameters as fitted predict them badly, what they gain once those move within their errors: a static
-    friction that the fitted trials leave open makes a slip that comes too late.
-    """
-    total = gain_together(d)
-    if total is None:
-        return ""
-    moved = ""
-    if total < d.settings.gain:
-        moved = f", {d.gain_within_errors:+.0f} with parameters moved within their errors"
-    return f" (log-likelihood of trials that no fit saw {total:+.0f}{moved})"
-
-
-def gain_together(d: Diagnosis) -> float | None:
-    """Log-likelihood that held-out trials gain by all effects, at the declared model's noise levels; None without."""
-    if not d.accepted or not d.scored.startswith("held"):
-        return None
-    return float(sum(evidence_so_far(d, k)[1][-1] for k in range(len(d.before.models))))
-
-
-def error_in_words(d: Diagnosis) -> str:
-    """The error beyond the noise of the signal quoted first, before and after, and where the noise is known from."""
-    entry = d.errors[d.main]
-    what = entry["quantity"].removeprefix("rms error")
-    old, new = (f"{e['value']:.3g} ({e['ci95'][0]:.3g} to {e['ci95'][1]:.3g})"
-                for e in (entry["excess_before"], entry["excess_after"]))  # fmt: skip
-    if entry["noise_from"] == RESIDUAL:
-        noise = f"the model's own residual is taken for the noise, {entry['noise_floor']:.3g}"
-        other = "neighbouring samples differ by"
-    else:
-        noise, other = f"noise floor {entry['noise_floor']:.3g}, from {entry['noise_from']}", "the model leaves"
-    if entry["noise_other"] is not None:
-        noise += f" ({other} {entry['noise_other']:.3g}: noise correlated in time, or a model far off)"
-    count = entry.get("outliers_left_out")
-    noise += f" ({count} outliers left out)" if count else ""
-    unit = entry["unit"].replace("*", " ")
-    return f"Error{what} beyond the noise, {d.scored}, {unit}: {old} before, {new} after; {noise}."
-
-
-def number(value: float | None) -> str:
-    """Four significant digits."""
-    return "?" if value is None else f"{value:.4g}"
-
-
-def span(ci95: Sequence[float | None]) -> str:
-    """A 95 % interval in words."""
-    return "not told by these data" if None in ci95 else f"{number(ci95[0])} to {number(ci95[1])}"
-
-
-def chance(log10_p: float) -> str:
-    """A chance from its decimal logarithm: 1e-38; what is below any that a model of noise could tell has no figure."""
-    return f"below 1e{LEAST_CHANCE:d}" if log10_p < LEAST_CHANCE else f"{10.0**log10_p:.1g}"
-
-
-def share(told: Mapping[str, Any]) -> str:
-    """A share with its 95 % interval, in per cent."""
-    if told["value"] is None:
-        return "?"
-    value, low, high = (f"{100 * x:.0f}" for x in (told["value"], *told["ci95"]))
-    return f"{value} % ({low} to {high} %)"
-
-
-def _spaced(name: str) -> str:
-    return name.replace("_", " ")
-
-
-def write_page(
-    path: Path,
-    result: Mapping[str, Any],
-    words: str,
-    mathml: str,
-    figures: Sequence[Path],
-    together: float | None = None,
-) -> None:
-    """Write the report as one HTML file, from ``page.html``.
-
-    Args:
-        result: as in ``result.json``.
-        words: see :func:`headline`.
-        mathml: the friction force.
-        figures: PNG files, embedded under the names of their files.
-        together: see :func:`gain_together`.
-    """
-    images = {p.stem: base64.b64encode(p.read_bytes()).decode() for p in figures}
-    page = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
-    refused: dict[str, list[str]] = {}
-    for candidate in result["refused"]:
-        refused.setdefault(candidate["why"], []).append(candidate["name"])
-    words_of = {"number": number, "span": span, "share": share, "chance": chance, "unit": readable_unit}
-    text = page.render(r=result, headline=words, mathml=mathml, images=images, refused=refused, together=together,
-                       looks=LOOKS, **words_of)  # fmt: skip
-    path.write_text(text, encoding="utf-8")
 
 
 def figures(d: Diagnosis) -> dict[str, Figure]:
@@ -217,7 +79,7 @@ def _bars(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> tuple[Figure,
     places = [np.arange(len(names)) + k * height for k in range(len(rows))]
     for place, row in zip(places, rows, strict=True):
         axes.barh(place, height=0.95 * height, **row)
-    axes.set_yticks(np.mean(places, axis=0), [_spaced(name) for name in names])
+    axes.set_yticks(np.mean(places, axis=0), [spaced(name) for name in names])
     axes.invert_yaxis()
     if len(rows) > 1:
         figure.legend(frameon=False, fontsize=8, loc="outside lower center", ncols=2)
@@ -273,20 +135,6 @@ def proof_figure(d: Diagnosis) -> Figure:
     return figure
 
 
-def evidence_so_far(d: Diagnosis, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times, s, and the log-likelihood that trial ``k`` gains until then, shape (INSTANTS + 1,) each.
-
-    At the declared model's noise levels, which take what it lacks for noise: never too much.
-    """
-    loss, sigmas, t = d.bench.problem.loss, d.before.sigmas, d.before.models[k].t
-    before, after = (fit.state.pieces[k].residuals for fit in (d.before, d.after))
-    gained = np.zeros(INSTANTS)
-    for name in before:
-        old, new = (np.array_split(np.nan_to_num(r[name] / sigmas[name]), INSTANTS) for r in (before, after))
-        gained += [loss.cost(a) - loss.cost(b) for a, b in zip(old, new, strict=True)]
-    return np.linspace(t[0], t[-1], INSTANTS + 1), np.concatenate([[0.0], np.cumsum(gained)])
-
-
 def residual_figure(d: Diagnosis) -> Figure:
     """Residual of one signal over time on some trials, before and after, with the noise as a band.
 
@@ -304,7 +152,7 @@ def residual_figure(d: Diagnosis) -> Figure:
         axes.axhspan(-2 * sigma, 2 * sigma, color=INK["band"], label="noise, two standard deviations")
         for fit, model in zip((d.before, d.after), _models(d), strict=False):
             axes.plot(t, fit.state.pieces[k].residuals[name], ".", ms=2.5, **model)
-        axes.set_ylabel(f"{_spaced(name)} ({unit})")
+        axes.set_ylabel(f"{spaced(name)} ({unit})")
         axes.set_title(f"trial {d.before.models[k].trial}", fontsize=9)
         axes.margins(x=0.02)
     rows[-1].set_xlabel("time (s)")
@@ -326,7 +174,7 @@ def remainder_figure(d: Diagnosis, rest: Unexplained) -> Figure:
     units = {"time": "s", "position": system.slip_unit, "velocity": f"{system.slip_unit}/s",
              "acceleration": f"{system.slip_unit}/s^2", "normal_force": "N", **system.signal_units}  # fmt: skip
     what = f"force ({readable(rest.unit)})" if rest.kind == "force" else "share of dry friction"
-    axes.set(xlabel=f"{_spaced(name)} ({readable(units.get(name, ''))})", ylabel=what)
+    axes.set(xlabel=f"{spaced(name)} ({readable(units.get(name, ''))})", ylabel=what)
     lines = filter(None, (f"no name fits: {dependence(rest)}", rest.formula))
     axes.set_title("\n".join(textwrap.fill(line, 75) for line in lines), fontsize=11)
     axes.legend(frameon=False, fontsize=8)

@@ -19,22 +19,17 @@ Source: Rao, Proc. Camb. Phil. Soc. 44 (1948); White, Maximum likelihood of miss
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import gammaln
 from scipy.stats import chi2
 
-from ..numerics.coloured import Noise
-from ..numerics.parallel import in_parallel
-from ..numerics.resolution import averaged, samples_within
-from .bench import Bench
-from .fit import Fit
+from .coloured import Noise
 
 SINGULAR = 1e-9  # of the largest eigenvalue: directions below are not told by the data
 NOTHING = 1e-6  # of a column's squared length: what is left of it beside what is estimated is rounding
-ALIKE = 0.995  # share of a candidate's trace that another explains: the data do not tell them apart
 TINY = 1e-300  # keeps what is zero from being divided by
 
 
@@ -47,7 +42,7 @@ class Rows:
         r: model minus measurement, shape (signals, n); 0 where missing.
         change: derivatives in the parameters, shape (signals, n, parameters); 0 for inputs.
         local: derivatives in the trial's own unknowns, shape (signals, n, unknowns).
-        weight: what r and derivatives in SI units were multiplied by, shape (signals, samples), see :func:`weighted`.
+        weight: what r and derivatives in SI units were multiplied by, shape (signals, samples).
     """
 
     signals: tuple[str, ...]
@@ -55,60 +50,6 @@ class Rows:
     change: np.ndarray
     local: np.ndarray
     weight: np.ndarray
-
-
-def weighted(values: np.ndarray, weight: np.ndarray, half: int) -> np.ndarray:
-    """Values in SI units, shape (signals, samples, k), as rows.
-
-    Args:
-        weight: 1 / noise, 0 where nothing was measured, shape (signals, samples). With a robust loss it carries the
-            square root of its weights, as in iteratively reweighted least squares.
-        half: see :func:`frictionpinn.numerics.resolution.averaged`; 0: every sample is a row.
-    """
-    with np.errstate(over="ignore"):
-        rows = np.nan_to_num(values) * weight[:, :, None]
-    return averaged(np.ascontiguousarray(rows), np.ones(weight.shape), half) if half else rows
-
-
-def on_probe(bench: Bench, fit: Fit, values: Mapping[str, float]) -> Fit:
-    """The fit on the mechanism with forces that depend on a variable in any way, all of these still zero.
-
-    ``values`` are of other parameters of it than the fit's: hidden ones.
-    """
-    idle = {par.name: float(par.value) for par in bench.probe.mechanism.parameters if par.value is not None}
-    models = tuple(replace(model, simulator=bench.probe) for model in fit.models)
-    return replace(fit, values=idle | fit.values | dict(values), models=models)
-
-
-def linearise(bench: Bench, fit: Fit, names: Sequence[str], values: Mapping[str, float]) -> list[Rows]:
-    """Every trial at a fit, see :func:`on_probe`, with derivatives in the parameters ``names``.
-
-    Raises:
-        ContactLost, SimulationFailed: the model cannot be simulated there.
-    """
-    fit, loss, joint = on_probe(bench, fit, values), bench.problem.loss, bench.problem.joint
-
-    def work(k: int) -> Rows:
-        model, local = fit.models[k], fit.locals[k]
-        run = model.simulate(fit.values, local, names, joint)
-        signals, r, J = list(model.outputs), [model.predict(run) - model.y], [model.derivatives(run, fit.values, names)]
-        first = len(names) + len(model.states)
-        if joint:
-            for item, coefficients in zip(model.inputs, model.coefficients(local), strict=True):
-                own = np.zeros((len(item.names), *J[0].shape[1:]))
-                own[:, :, first : first + item.basis.size] = item.basis.design
-                first += item.basis.size
-                signals += item.names
-                r.append(item.basis.design @ coefficients - item.y)
-                J.append(own)
-        residuals, sigmas = np.concatenate(r), np.array([fit.sigmas.get(name, 1.0) for name in signals])[:, None]
-        weight = np.sqrt(loss.weight(np.nan_to_num(residuals) / sigmas)) / sigmas
-        weight = np.where(np.isnan(residuals), 0.0, weight)
-        rows = weighted(np.dstack([residuals, np.concatenate(J)]), weight, samples_within(model.t, fit.width))
-        r_, change, own = np.split(rows, [1, 1 + len(names)], axis=2)
-        return Rows(tuple(signals), r_[:, :, 0], change, own, weight)
-
-    return in_parallel(work, [len(model.t) for model in fit.models])
 
 
 @dataclass(frozen=True)

@@ -11,17 +11,17 @@ import numpy as np
 from jinja2 import Template
 from matplotlib.figure import Figure
 
-from ..diagnose.report import number, span
 from ..diagnose.verdict import NOTHING, UNEXPLAINED
 from ..evaluate.picture import save_png
 from ..evaluate.style import INK, readable
 from ..physics.base import at_contact, plain_name
+from ..robots.balance import Model
+from ..robots.candidates import Term
+from ..robots.diagnose import ROBOT, Accepted, Rest, RobotDiagnosis
+from ..robots.identify import joint_effect
+from ..robots.motion import Prepared
 from ..show import LOOKS, readable_unit
-from .balance import Model
-from .candidates import Term
-from .diagnose import ROBOT, Accepted, Rest, RobotDiagnosis
-from .identify import joint_effect
-from .motion import Prepared
+from .words import number, span
 
 KINDS = {"force": "a torque", "friction": "friction"}
 WIDTH = 100  # of a line of text
@@ -248,14 +248,14 @@ def left_figure(d: RobotDiagnosis) -> Figure:
 
 
 def write_page(path: Path, result: Mapping[str, Any], figures: Sequence[Path]) -> None:
-    """Write the page, from ``page.html`` beside this file.
+    """Write the page, from ``robot.html`` beside this file.
 
     Args:
         result: as in ``result.json``; ``handed_on`` as in ``export.json`` where the robot was handed on.
         figures: PNG files, embedded under their names.
     """
     images = {p.stem: base64.b64encode(p.read_bytes()).decode() for p in figures}
-    page = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
+    page = Template(Path(__file__).with_name("robot.html").read_text(encoding="utf-8"))
     refused: dict[str, list[str]] = {}
     for item in result["refused"]:
         refused.setdefault(item["why"], []).append(item["name"])
