@@ -130,7 +130,8 @@ def minima_around(
 ) -> list[Solution]:
     """Minima around one that was found, lowest first: the first one is put together from each trial's best.
 
-    Searches begin many and a few standard errors away, in directions drawn at random from what the data leave open:
+    It is first made the lowest that each trial's own unknowns allow (:func:`lowest_of_trials`). Searches begin many and
+    a few standard errors away, in directions drawn at random from what the data leave open:
     when a body stops and breaks away differs there. A contact rings, which resolutions next to the sample do not blur:
     with a bristle, other stiffnesses are followed from the next one. And what begins at rest may slide either way at
     once (:func:`beginnings`). Each way begins with its farthest searches and ends where a pair of them comes back: from
@@ -141,7 +142,7 @@ def minima_around(
         found: a minimum of it.
         others: where other searches for it ended, at whatever noise levels.
     """
-    limits, widths = problem.space.limits, problem.resolutions
+    limits, widths, found = problem.space.limits, problem.resolutions, lowest_of_trials(problem, evaluate, found)
     values, vectors = np.linalg.eigh(reduced(found.state)[0])
     errors = vectors / np.sqrt(np.maximum(values, 1.0))  # what is hardly told is moved by a factor e
     directions = np.random.default_rng(0).standard_normal((len(KICKS), len(values)))
@@ -173,6 +174,38 @@ def minima_around(
     offered = carried([*others, *(end.state for end in ends[1:])], ends[0].state.u, limits)
     best = assembled(evaluate, ends[0], offered, limits)
     return [best, *(end for end in ends if not same_minimum(best.state, end.state))]
+
+
+def lowest_of_trials(problem: Problem, evaluate: Evaluate, found: Solution) -> Solution:
+    """A minimum, or the lower one that begins with each trial's own unknowns where that trial fits best.
+
+    A stop a sample earlier or later, and the side from which a noisy motion turns round, are minima in a trial's own
+    unknowns: each trial has its own at given parameters, and one search tries all of them. Searches begin as far away,
+    in standard errors, as those for other parameters; of a pair one at the sample, one at the resolution next to it,
+    which blurs a stop. Where both come back it ends.
+    """
+    rng, limits = np.random.default_rng(0), problem.space.limits
+
+    def follow(own: tuple[np.ndarray, ...], widths: Sequence[float]) -> Solution | None:
+        u = found.state.u
+        return coarse_to_fine(evaluate, replace(found.state, locals=own), (u, u), widths, [found.state])
+
+    for k in range(0, len(KICKS), AT_ONCE):
+        places = [(x, piece.ll) for x, piece in zip(found.state.locals, found.state.pieces, strict=True)]
+        begun = [(tuple(x + kick * drawn(C, rng) for x, C in places), problem.resolutions[-1 - j :])
+                 for j, kick in enumerate(KICKS[k : k + AT_ONCE])]  # fmt: skip
+        ends = in_parallel(lambda j, begun=begun: follow(*begun[j]), [1.0] * len(begun), "trials around the fit")
+        if all(end is not None and end.reason == KNOWN for end in ends):
+            break
+        found = assembled(evaluate, found, [end.state.locals for end in ends if end is not None], limits)
+    return found
+
+
+def drawn(information: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A step drawn from the normal distribution whose information is given, shape (n, n) -> (n,)."""
+    scale = 1 / np.sqrt(np.maximum(information.diagonal(), 1e-300))
+    values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
+    return scale * (vectors @ (rng.standard_normal(len(scale)) / np.sqrt(np.maximum(values, 1e-14))))
 
 
 def beginnings(problem: Problem, state: State) -> list[State]:
