@@ -10,9 +10,10 @@ acceleration, and a small change of the parameters changes nothing (laws without
    (:func:`_settled`);
 2. where that leaves what is not white, the same from other starts: a design over what the sliding samples do not tell
    and a grid over what moves together, those that fit best held by the shortest tether (:func:`_elsewhere`);
-3. around what was found, by ways that show other minima (:func:`minima_around`). Trials share the parameters alone: the
-   likelihood has its minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each
-   trial has been there, and they are put together (:func:`frictionpinn.numerics.descent.assembled`).
+3. around what was found, in each trial's own unknowns (:func:`lowest_of_trials`) and by ways that show other minima of
+   the parameters (:func:`minima_around`). Trials share the parameters alone: the likelihood has its minima trial by
+   trial: hardly any search ends in the lowest of every trial, but among a few each trial has been there, and they are
+   put together (:func:`frictionpinn.numerics.descent.assembled`).
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from ..numerics.descent import (
     CLOSELY,
     KNOWN,
     Evaluate,
+    Limits,
     Solution,
     State,
     assembled,
@@ -142,7 +144,8 @@ def minima_around(
         found: a minimum of it.
         others: where other searches for it ended, at whatever noise levels.
     """
-    limits, widths, found = problem.space.limits, problem.resolutions, lowest_of_trials(problem, evaluate, found)
+    limits, widths = problem.space.limits, problem.resolutions
+    found = lowest_of_trials(problem, evaluate, found, limits)
     values, vectors = np.linalg.eigh(reduced(found.state)[0])
     errors = vectors / np.sqrt(np.maximum(values, 1.0))  # what is hardly told is moved by a factor e
     directions = np.random.default_rng(0).standard_normal((len(KICKS), len(values)))
@@ -176,7 +179,7 @@ def minima_around(
     return [best, *(end for end in ends if not same_minimum(best.state, end.state))]
 
 
-def lowest_of_trials(problem: Problem, evaluate: Evaluate, found: Solution) -> Solution:
+def lowest_of_trials(problem: Problem, evaluate: Evaluate, found: Solution, limits: Limits) -> Solution:
     """A minimum, or the lower one that begins with each trial's own unknowns where that trial fits best.
 
     A stop a sample earlier or later, and the side from which a noisy motion turns round, are minima in a trial's own
@@ -184,7 +187,7 @@ def lowest_of_trials(problem: Problem, evaluate: Evaluate, found: Solution) -> S
     in standard errors, as those for other parameters; of a pair one at the sample, one at the resolution next to it,
     which blurs a stop. Where both come back it ends.
     """
-    rng, limits = np.random.default_rng(0), problem.space.limits
+    rng = np.random.default_rng(0)
 
     def follow(own: tuple[np.ndarray, ...], widths: Sequence[float]) -> Solution | None:
         u = found.state.u
