@@ -189,15 +189,17 @@ def lowest_of_trials(problem: Problem, evaluate: Evaluate, found: Solution, limi
     """
     rng = np.random.default_rng(0)
 
-    def follow(own: tuple[np.ndarray, ...], widths: Sequence[float]) -> Solution | None:
-        u = found.state.u
-        return coarse_to_fine(evaluate, replace(found.state, locals=own), (u, u), widths, [found.state])
+    def followed(at: State, begun: Sequence[State]) -> list[Solution | None]:
+        def follow(k: int) -> Solution | None:
+            return coarse_to_fine(evaluate, begun[k], (at.u, at.u), problem.resolutions[-1 - k :], [at])
+
+        return in_parallel(follow, [1.0] * len(begun), "trials around the fit")
 
     for k in range(0, len(KICKS), AT_ONCE):
-        places = [(x, piece.ll) for x, piece in zip(found.state.locals, found.state.pieces, strict=True)]
-        begun = [(tuple(x + kick * drawn(C, rng) for x, C in places), problem.resolutions[-1 - j :])
-                 for j, kick in enumerate(KICKS[k : k + AT_ONCE])]  # fmt: skip
-        ends = in_parallel(lambda j, begun=begun: follow(*begun[j]), [1.0] * len(begun), "trials around the fit")
+        at = found.state
+        places = [(x, piece.ll) for x, piece in zip(at.locals, at.pieces, strict=True)]
+        ends = followed(at, [replace(at, locals=tuple(x + kick * drawn(own, rng) for x, own in places))
+                             for kick in KICKS[k : k + AT_ONCE]])  # fmt: skip
         if all(end is not None and end.reason == KNOWN for end in ends):
             break
         found = assembled(evaluate, found, [end.state.locals for end in ends if end is not None], limits)
