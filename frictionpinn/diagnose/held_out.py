@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..identify.likelihood import lowest_of_trials
+from ..identify.likelihood import beginnings
 from ..identify.problem import Problem
 from ..identify.trial import TrialModel
 from ..numerics.descent import FAINT, Evaluate, Piece, State, assembled, carried, coarse_to_fine, reduced
@@ -80,10 +80,16 @@ def surprise(bench: Bench, fit: Fit) -> Surprise | None:
 
 
 def _own_unknowns(problem: Problem, evaluate: Evaluate, first: State) -> State | None:
-    """Trials at given parameters, their own unknowns estimated; None where they cannot be simulated."""
-    at = first.u, first.u
-    end = coarse_to_fine(evaluate, first, at, problem.resolutions)
-    return None if end is None else lowest_of_trials(problem, evaluate, end, at).state
+    """Trials at given parameters, their own unknowns estimated: from the coarsest resolution, from the one next to the
+    sample and from the sample alone, and begun at rest; of each trial the best. None where they cannot be simulated."""
+    at, widths = (first.u, first.u), problem.resolutions
+    tries = [(first, widths[-count:]) for count in sorted({1, min(2, len(widths)), len(widths)})]
+    ends = [end for state, own in tries if (end := coarse_to_fine(evaluate, state, at, own))]
+    if not ends:
+        return None
+    best = min(ends, key=lambda end: end.state.cost)
+    begun = [coarse_to_fine(evaluate, state, at, widths[-1:]) for state in beginnings(problem, best.state)]
+    return assembled(evaluate, best, [end.state.locals for end in (*ends, *begun) if end is not None], at).state
 
 
 def _held_out(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], State, Evaluate] | None:
