@@ -14,7 +14,6 @@ from ..data.recording import Recording
 from ..errors import UserError
 from ..identify.likelihood import minima_around
 from ..identify.problem import Problem
-from ..identify.tether import followed, stages, tethered
 from ..identify.trial import TrialModel
 from ..numerics.descent import assembled, coarse_to_fine, reduced
 from ..numerics.parallel import in_parallel
@@ -254,17 +253,6 @@ class Bench:
             return replace(model, y=y, inputs=inputs)
 
         return tuple(in_parallel(says, [len(model.t) for model in models]))
-
-    def anew(self, fit: Fit, limits: Mapping[str, tuple[float, float]] | None = None) -> Fit | None:
-        """The same parameters estimated anew along the path of the likelihood, the motion held to the measured one
-        first, where a missing effect cannot add up, and let go of."""
-        problem = self.problem_of(self.problem, fit.names, fit.values, fit.models[0].simulator, limits)
-        ends = followed(problem, [fit.state.u], stages(problem, tethered(problem), fit.sigmas))
-        if not ends:
-            return None
-        (solution, models), *_ = ends
-        start = replace(fit, models=models, state=solution.state)
-        return self.refit(start, fit.names, problem.values(solution.state.u), limits=limits)
 
     def settle(self, fit: Fit) -> Fit:
         """The fit at the noise levels that its residuals show, and the lowest of the minima around it."""

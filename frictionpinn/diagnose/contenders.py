@@ -28,7 +28,7 @@ class Settings:
         most: effects that are added at most, a budget.
         refits: candidates that are refitted after each kind of score test, a budget.
         promise: share of the gain that a score test promises, below which a refit shows that it is not linear there.
-        followed: the best of these that are searched for other minima, a budget.
+        followed: the best of these whose trials' own unknowns are offered to the others, a budget.
         told_apart: evidence, in log-likelihood, from which one model is better than another for certain: 400 to 1.
         tied: evidence below which the more usual effect stands first: less than 3 to 1.
         same: cosine of what two candidates explain, refitted, from which they act the same way.
@@ -79,9 +79,8 @@ def refitted(
 
     Each goes from the resolution at which it was tested to the sample. Where one gains much less than its score test
     promised, nothing is as near to linear as that test has it: it is refitted from the coarse resolution as well,
-    and so are those that the test did not tell from it. Where the best leave more than noise they are begun anew over
-    short windows; and the others from where the best of these ended. At last each trial's own unknowns of the best are
-    offered to all, see :func:`on_equal_terms`.
+    and so are those that the test did not tell from it. At last each trial's own unknowns of the best are offered to
+    all, see :func:`on_equal_terms`.
     """
 
     def refits(asked: Sequence[tuple[Tested, float]]) -> list[Fit | None]:
@@ -100,19 +99,9 @@ def refitted(
             again |= {t.candidate.name: (t, width) for t in group if t.candidate.name not in names}
     tries += again.values()
     made += refits(list(again.values()))
-    found = _lowest(Contender(t, fit) for (t, _), fit in zip(tries, made, strict=True) if fit is not None)
-    rugged = [c for c in found[: settings.followed] if not c.fit.white and c.fit.cost < before.cost]
-    anew = in_parallel(
-        lambda k: bench.anew(rugged[k].fit, reach(rugged[k].tested)), [1.0] * len(rugged), "effects fitted anew"
+    return on_equal_terms(
+        bench, _lowest(Contender(t, fit) for (t, _), fit in zip(tries, made, strict=True) if fit is not None), settings
     )
-    lower = [Contender(c.tested, f) for c, f in zip(rugged, anew, strict=True) if f and f.state.cost < c.fit.state.cost]
-    if not lower:
-        return on_equal_terms(bench, found, settings)
-    best = min(lower, key=lambda c: c.fit.cost)
-    others = [c for c in found if c.tested is not best.tested]
-    moved = in_parallel(lambda k: _moved(bench, others[k], best), [1.0] * len(others), "effects fitted from the best")
-    found = _lowest([*found, *lower, *(replace(c, fit=f) for c, f in zip(others, moved, strict=True) if f)])
-    return on_equal_terms(bench, found, settings)
 
 
 def on_equal_terms(bench: Bench, found: Sequence[Contender], settings: Settings) -> list[Contender]:
@@ -135,13 +124,6 @@ def _lowest(found: Iterable[Contender]) -> list[Contender]:
     for c in sorted(found, key=lambda c: c.fit.cost):
         best.setdefault(c.tested.candidate.name, c)
     return list(best.values())
-
-
-def _moved(bench: Bench, own: Contender, best: Contender) -> Fit | None:
-    """A contender refitted from the best's place, with its own strengths for the best's."""
-    hidden = {name: own.fit.values[name] for name in own.tested.candidate.hidden}
-    values = exchanged(best, own.tested, _share(own)) | hidden
-    return bench.imitated(best.fit, own.fit.names, values, reach(own.tested))
 
 
 def _share(c: Contender) -> float:

@@ -81,15 +81,6 @@ def test_a_refit_finds_a_force_that_acts_and_nothing_of_one_that_does_not(clean,
         assert found.white and found.state.cost < fit.state.cost + 0.1
 
 
-def test_a_search_anew_along_the_tether_comes_back_from_a_wrong_place(clean):
-    fit = clean.base
-    values = fit.values | {"mu_c": 2 * TRUTH["mu_c"], "mu_s": 2 * TRUTH["mu_s"]}
-    wrong = replace(fit, values=values, state=replace(fit.state, u=clean.problem.space.to_search(values)))
-    found = clean.anew(wrong)
-    assert found.state.cost < fit.state.cost + 1.0
-    assert found.values["mu_c"] == pytest.approx(TRUTH["mu_c"], rel=0.1)
-
-
 def test_a_fit_settles_at_the_noise_that_its_residuals_show_and_no_worse_than_it_was(clean):
     fit = clean.base
     louder = replace(fit, sigmas={name: 1.5 * sigma for name, sigma in fit.sigmas.items()})
