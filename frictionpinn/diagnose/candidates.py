@@ -7,7 +7,7 @@ effect that no mechanism can have.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,6 @@ from ..numerics.along import samples
 from ..numerics.simulate import Simulation
 from ..physics.base import CONTACT, FrictionLaw, contact_of
 from ..physics.effect import Effect
-from ..physics.effects import applicable
 from ..physics.remainder import Remainder
 from ..physics.scan import data_scales
 from ..physics.system import System
@@ -41,7 +40,6 @@ class Candidate:
         strengths: parameters that are neutral as declared.
         hidden: parameters that shape the effect and are estimated with it.
         grid: values of those to try, SI units; one empty table where there are none.
-        bends: see :class:`frictionpinn.physics.effect.Effect`.
     """
 
     effect: str
@@ -49,7 +47,6 @@ class Candidate:
     strengths: tuple[str, ...]
     hidden: tuple[str, ...] = ()
     grid: tuple[Mapping[str, float], ...] = ({},)
-    bends: bool = False
 
     @property
     def name(self) -> str:
@@ -61,16 +58,6 @@ class Candidate:
         """Rank among effects that the data do not tell apart: faults of sensors last."""
         kind = self.effect.partition("@")[0]
         return USUAL.index(kind) if kind in USUAL else len(USUAL) + kind.startswith("sensor_")
-
-
-def effects_for(system: System, law: FrictionLaw, names: Iterable[str] | None = None) -> tuple[Effect, ...]:
-    """Every effect that can act on a system with a law, or the named ones among them, as objects.
-
-    Of several contacts a name is of the effect at one, ``asymmetry@hinge``, or at each, ``asymmetry``.
-    """
-    every = applicable(system, law, tuple(effect.name for effect in applicable(system, law)))
-    wanted = {e.name for e in every} if names is None else set(names)
-    return tuple(e for e in every if {e.name, e.name.partition("@")[0]} & wanted)
 
 
 def candidates(
@@ -90,7 +77,7 @@ def candidates(
             axes = [[(par.name, float(v)) for v in par.scan.values(own)] for par in shapes if par.scan]
             grid = tuple(dict(point) for point in itertools.product(*axes))
             free = tuple(par.name for par in shapes if par.scan and par.scan.count > 1)
-            result.append(Candidate(effect.name, group, strengths, free, grid, effect.bends))
+            result.append(Candidate(effect.name, group, strengths, free, grid))
     return tuple(result)
 
 

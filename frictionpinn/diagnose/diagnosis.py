@@ -14,11 +14,12 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..identify.result import Estimate
+from ..physics.effects import effects_for
 from ..physics.mechanism import Mechanism
-from ..physics.remainder import Remainder, places, remainders
+from ..physics.remainder import places, remainders
 from ..show import Shown, Table, interval, readable_unit
 from .bench import Bench
-from .candidates import Candidate, candidates, effects_for, ranges, scales
+from .candidates import Candidate, candidates, ranges, scales
 from .errors import main_signal
 from .fit import Fit
 from .held_out import surprise
@@ -169,12 +170,14 @@ def diagnose(
     """
     began, settings = time.perf_counter(), settings or Settings()
     held_out = held_out or Recording((), fitted.units)
-    bench, kinds, probes = _bench(mechanism, fitted, held_out, effects, start, options)
+    system, law = mechanism.system, mechanism.law
+    kinds, probes, given = effects_for(system, law, effects), remainders(system), {e.name for e in mechanism.effects}
+    every = (*mechanism.effects, *(e for e in kinds if e.name not in given))
+    tested, probed = Mechanism(system, law, every), Mechanism(system, law, (*every, *probes))
+    bench = Bench(mechanism, tested, probed, fitted, held_out, start, **options)
     runs = bench.runs
-    system = mechanism.system
-    options_ = candidates(kinds, system, mechanism.law, scales(system, runs))
-    declared = {par.name for e in mechanism.effects for par in e.parameters_on(system, mechanism.law)}
-    given = {e.name for e in mechanism.effects}
+    options_ = candidates(kinds, system, law, scales(system, runs))
+    declared = {par.name for e in mechanism.effects for par in e.parameters_on(system, law)}
     options_ = tuple(replace(c, hidden=(), grid=({},)) if c.effect in given else c for c in options_)
     options_ = tuple(c for c in options_ if not declared & set(c.strengths))
     covered = ranges(system, probes, runs)
@@ -200,25 +203,6 @@ def diagnose(
         time.perf_counter() - began, settings, bench, selection, verdict.before, verdict.after, fallback, fitted,
         doubts=doubts,
     )  # fmt: skip
-
-
-def _bench(
-    mechanism: Mechanism,
-    fitted: Recording,
-    held_out: Recording,
-    names: Sequence[str] | None,
-    start: Mapping[str, float] | None,
-    options: Mapping[str, Any],
-) -> tuple[Bench, Sequence[Any], tuple[Remainder, ...]]:
-    """The fitted declared model beside every candidate."""
-    system, law = mechanism.system, mechanism.law
-    kinds = effects_for(system, law, names)
-    present = {e.name for e in mechanism.effects}
-    every = (*mechanism.effects, *(e for e in kinds if e.name not in present))
-    probes = remainders(system)
-    tested, probed = Mechanism(system, law, every), Mechanism(system, law, (*every, *probes))
-    bench = Bench(mechanism, tested, probed, fitted, held_out, start, **options)
-    return bench, kinds, probes
 
 
 def _reasons(

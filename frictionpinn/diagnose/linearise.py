@@ -8,23 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..numerics.parallel import in_parallel
-from ..numerics.resolution import averaged, samples_within
-from ..numerics.score_test import Rows
+from ..numerics.resolution import samples_within
+from ..numerics.score_test import Rows, weighted
 from .bench import Bench
 from .fit import Fit
-
-
-def weighted(values: np.ndarray, weight: np.ndarray, half: int) -> np.ndarray:
-    """Values in SI units, shape (signals, samples, k), as rows.
-
-    Args:
-        weight: 1 / noise, 0 where nothing was measured, shape (signals, samples). With a robust loss it carries the
-            square root of its weights, as in iteratively reweighted least squares.
-        half: see :func:`frictionpinn.numerics.resolution.averaged`; 0: every sample is a row.
-    """
-    with np.errstate(over="ignore"):
-        rows = np.nan_to_num(values) * weight[:, :, None]
-    return averaged(np.ascontiguousarray(rows), np.ones(weight.shape), half) if half else rows
 
 
 def on_probe(bench: Bench, fit: Fit, values: Mapping[str, float]) -> Fit:

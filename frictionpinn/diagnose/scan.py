@@ -17,14 +17,14 @@ import numpy as np
 from ..numerics.coloured import Noise, fit_noise
 from ..numerics.parallel import in_parallel
 from ..numerics.resolution import samples_within
-from ..numerics.score_test import SINGULAR, TINY, Columns, Normal, Rows, beside, log_p, solve
+from ..numerics.score_test import SINGULAR, TINY, Columns, Normal, Rows, beside, log_p, solve, weighted
 from ..numerics.simulate import ContactLost, Simulation, SimulationFailed
 from ..numerics.tangent import Tangent
 from ..physics.remainder import BUMPS, Remainder
 from .bench import Bench
 from .candidates import Candidate
 from .fit import Fit
-from .linearise import linearise, weighted
+from .linearise import linearise
 
 GUESS = 0.1  # of its usual size: a strength whose step no derivative tells
 BEYOND = 1e8  # times the range of the signals: squares of such columns and of others have no common digits

@@ -10,6 +10,7 @@ import sympy as sp
 
 from ..data.recording import Trial
 from ..errors import UserError
+from ..numerics.jumps import beside_jumps
 from ..numerics.paths import DEGREE, InputPath
 from ..numerics.simulate import Simulator
 from ..numerics.spline_basis import NoisyInput, PathBasis, choose_basis
@@ -20,7 +21,6 @@ MOST_COEFFICIENTS = 150  # of one input in one window; a signal that needs more 
 MOST_OF_A_MOTION = 300  # the same for a driven coordinate
 REST = 4.0  # standard errors: a smoothed initial velocity below counts as rest, where the search starts
 FIRST_SAMPLES = 5  # through which a line tells the initial state
-JUMP = 4.0  # standard errors by which a jump between two samples exceeds what the samples beside them suggest
 
 
 @dataclass(frozen=True)
@@ -141,25 +141,6 @@ def trial_model(
         InputPath(mechanism.input_signals, t, coefficients, trial.session), tuple(inputs),
         tuple(n for n in simulator.state_names if (not rest or n in positions) and n not in untold), start,
     )  # fmt: skip
-
-
-def beside_jumps(y: np.ndarray, sigma: float) -> np.ndarray:
-    """The samples on both sides of every jump of a signal, shape (n,), bool.
-
-    Without memory the friction force jumps where a body stops or breaks away, and the acceleration with it. On which
-    side of a sample that falls no model tells to a fraction of the interval, and a small change of its parameters
-    changes nothing: such a sample costs a likelihood the whole jump, and would make a staircase of it.
-
-    Args:
-        y: samples, shape (n,).
-        sigma: standard deviation of their noise.
-    """
-    steps, result = np.diff(y), np.zeros(len(y), bool)
-    excess = np.abs(steps[1:-1] - (steps[:-2] + steps[2:]) / 2)  # white noise makes it sqrt(5) sigma
-    largest = np.abs(steps[1:-1]) >= np.maximum(np.abs(steps[:-2]), np.abs(steps[2:]))
-    at = 1 + np.flatnonzero(largest & (excess > JUMP * 5**0.5 * sigma))
-    result[at] = result[at + 1] = True
-    return result
 
 
 def anchored(y: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 Two things make this likelihood rugged. Errors add up over a trial: a static friction a little off moves a stop, and all
 that follows is another motion. And what is sampled jumps: a stop one sample late costs the whole jump of the
 acceleration, and a small change of the parameters changes nothing (laws without memory are not asked beside a jump, see
-:func:`frictionpinn.identify.build.beside_jumps`). So the search goes
+:func:`frictionpinn.numerics.jumps.beside_jumps`). So the search goes
 
 1. over whole trials, noisy inputs among the unknowns, held to the motion that was measured and let go of, each minimum
    the start of the next (:mod:`frictionpinn.identify.tether`), at the noise levels that the residuals show
@@ -31,7 +31,6 @@ from ..numerics.descent import (
     CLOSELY,
     KNOWN,
     Evaluate,
-    Limits,
     Solution,
     State,
     assembled,
@@ -41,6 +40,7 @@ from ..numerics.descent import (
     reduced,
     same_minimum,
 )
+from ..numerics.minima import AT_ONCE, KICKS, lowest_of_trials
 from ..numerics.parallel import in_parallel
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.base import plain_name
@@ -54,8 +54,6 @@ from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours
 
 BEST = 2  # of the points of a design, and of a grid: these are followed
-KICKS = tuple(np.geomspace(12.0, 1.0, 8))  # standard errors to where searches for other minima begin
-AT_ONCE = 2  # of these: not the number of cores, on which no result may depend
 # Times the stiffness of the fit: a ring that lasts k periods fits one off as well, at (1 -+ 1/k)^2; k is 3 to 6.
 STIFFNESSES = (0.5, 2.0, 0.7, 1.4)
 UNTOLD_REST = 3.0  # standard deviations of the noise: from where samples tell that a body moves
@@ -145,7 +143,7 @@ def minima_around(
         others: where other searches for it ended, at whatever noise levels.
     """
     limits, widths = problem.space.limits, problem.resolutions
-    found = lowest_of_trials(problem, evaluate, found, limits)
+    found = lowest_of_trials(evaluate, found, limits, widths)
     values, vectors = np.linalg.eigh(reduced(found.state)[0])
     errors = vectors / np.sqrt(np.maximum(values, 1.0))  # what is hardly told is moved by a factor e
     directions = np.random.default_rng(0).standard_normal((len(KICKS), len(values)))
@@ -177,40 +175,6 @@ def minima_around(
     offered = carried([*others, *(end.state for end in ends[1:])], ends[0].state.u, limits)
     best = assembled(evaluate, ends[0], offered, limits)
     return [best, *(end for end in ends if not same_minimum(best.state, end.state))]
-
-
-def lowest_of_trials(problem: Problem, evaluate: Evaluate, found: Solution, limits: Limits) -> Solution:
-    """A minimum, or the lower one that begins with each trial's own unknowns where that trial fits best.
-
-    A stop a sample earlier or later, and the side from which a noisy motion turns round, are minima in a trial's own
-    unknowns: each trial has its own at given parameters, and one search tries all of them. Searches begin as far away,
-    in standard errors, as those for other parameters; of a pair one at the sample, one at the resolution next to it,
-    which blurs a stop. Where both come back it ends.
-    """
-    rng = np.random.default_rng(0)
-
-    def followed(at: State, begun: Sequence[State]) -> list[Solution | None]:
-        def follow(k: int) -> Solution | None:
-            return coarse_to_fine(evaluate, begun[k], (at.u, at.u), problem.resolutions[-1 - k :], [at])
-
-        return in_parallel(follow, [1.0] * len(begun), "trials around the fit")
-
-    for k in range(0, len(KICKS), AT_ONCE):
-        at = found.state
-        places = [(x, piece.ll) for x, piece in zip(at.locals, at.pieces, strict=True)]
-        ends = followed(at, [replace(at, locals=tuple(x + kick * drawn(own, rng) for x, own in places))
-                             for kick in KICKS[k : k + AT_ONCE]])  # fmt: skip
-        if all(end is not None and end.reason == KNOWN for end in ends):
-            break
-        found = assembled(evaluate, found, [end.state.locals for end in ends if end is not None], limits)
-    return found
-
-
-def drawn(information: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A step drawn from the normal distribution whose information is given, shape (n, n) -> (n,)."""
-    scale = 1 / np.sqrt(np.maximum(information.diagonal(), 1e-300))
-    values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
-    return scale * (vectors @ (rng.standard_normal(len(scale)) / np.sqrt(np.maximum(values, 1e-14))))
 
 
 def beginnings(problem: Problem, state: State) -> list[State]:

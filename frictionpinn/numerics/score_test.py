@@ -27,6 +27,7 @@ from scipy.special import gammaln
 from scipy.stats import chi2
 
 from .coloured import Noise
+from .resolution import averaged
 
 SINGULAR = 1e-9  # of the largest eigenvalue: directions below are not told by the data
 NOTHING = 1e-6  # of a column's squared length: what is left of it beside what is estimated is rounding
@@ -42,7 +43,7 @@ class Rows:
         r: model minus measurement, shape (signals, n); 0 where missing.
         change: derivatives in the parameters, shape (signals, n, parameters); 0 for inputs.
         local: derivatives in the trial's own unknowns, shape (signals, n, unknowns).
-        weight: what r and derivatives in SI units were multiplied by, shape (signals, samples).
+        weight: what r and derivatives in SI units were multiplied by, shape (signals, samples), see :func:`weighted`.
     """
 
     signals: tuple[str, ...]
@@ -50,6 +51,19 @@ class Rows:
     change: np.ndarray
     local: np.ndarray
     weight: np.ndarray
+
+
+def weighted(values: np.ndarray, weight: np.ndarray, half: int) -> np.ndarray:
+    """Values in SI units, shape (signals, samples, k), as rows.
+
+    Args:
+        weight: 1 / noise, 0 where nothing was measured, shape (signals, samples). With a robust loss it carries the
+            square root of its weights, as in iteratively reweighted least squares.
+        half: see :func:`frictionpinn.numerics.resolution.averaged`; 0: every sample is a row.
+    """
+    with np.errstate(over="ignore"):
+        rows = np.nan_to_num(values) * weight[:, :, None]
+    return averaged(np.ascontiguousarray(rows), np.ones(weight.shape), half) if half else rows
 
 
 @dataclass(frozen=True)

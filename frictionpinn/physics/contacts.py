@@ -131,7 +131,7 @@ class LocatedEffect(Effect):
     def __init__(self, effect: Effect, contact: str):
         self.effect, self.contact = effect, contact
         self.name = self._here(effect.name)
-        self.signed, self.memory, self.bends = effect.signed, effect.memory, effect.bends
+        self.signed, self.memory = effect.signed, effect.memory
         self.parameters = tuple(_named(par, contact) for par in effect.parameters)
         self.states = tuple(_named(state, contact) for state in effect.states)
 

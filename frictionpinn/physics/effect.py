@@ -45,7 +45,6 @@ class Effect:
         signed: uses :func:`direction`, the regularised sign of the slip velocity.
         memory: brings a bristle state to a law without one, see :meth:`bristle_rate`.
         states: further states, see :meth:`state_rates`.
-        bends: only bends the law's own Stribeck curve: an effect with a curve of its own may hide in that.
         whole: acts on the mechanism as a whole (masses, inputs, sensors), others at a contact: with several, at the one
             that is named, ``asymmetry@hinge``.
     """
@@ -55,7 +54,6 @@ class Effect:
     signed: bool = False
     memory: bool = False
     states: tuple[State, ...] = ()
-    bends: bool = False
     whole: bool = False
 
     def applies(self, system: System, law: FrictionLaw, others: tuple[str, ...] = ()) -> bool:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_diagnosis import TRUTH, recorded
+from test_diagnosis import recorded
 
 from frictionpinn.diagnose import bench as benches
 from frictionpinn.diagnose.bench import Bench

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from frictionpinn.diagnose.candidates import candidates, effects_for
+from frictionpinn.diagnose.candidates import candidates
 from frictionpinn.errors import UserError
 from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.effects import effects_for
 from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.physics.remainder import BUMPS, places, remainders
 from frictionpinn.physics.scan import SCALES

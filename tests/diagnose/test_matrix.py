@@ -11,10 +11,10 @@ import pytest
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.recording import Recording
 from frictionpinn.data.simulated import simulate_recording
-from frictionpinn.diagnose.candidates import effects_for
 from frictionpinn.diagnose.diagnosis import Diagnosis, diagnose
 from frictionpinn.physics import EFFECTS, SYSTEMS
 from frictionpinn.physics.contacts import law_named
+from frictionpinn.physics.effects import effects_for
 from frictionpinn.physics.mechanism import Mechanism
 
 NOISE = 0.03

@@ -7,8 +7,9 @@ import pytest
 from test_diagnosis import recorded
 
 from frictionpinn.diagnose.bench import Bench
-from frictionpinn.diagnose.candidates import candidates, effects_for, fastest_period, impossible, moving_mass, scales
+from frictionpinn.diagnose.candidates import candidates, fastest_period, impossible, moving_mass, scales
 from frictionpinn.physics import LAWS
+from frictionpinn.physics.effects import effects_for
 from frictionpinn.physics.mechanism import Mechanism
 
 

@@ -7,11 +7,11 @@ import pytest
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
-from frictionpinn.diagnose.candidates import effects_for
 from frictionpinn.diagnose.diagnosis import diagnose
 from frictionpinn.export.augmented import load_augmented
 from frictionpinn.physics import SYSTEMS
 from frictionpinn.physics.contacts import law_named
+from frictionpinn.physics.effects import effects_for
 from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.physics.notation import equations, in_latex
 from frictionpinn.physics.remainder import remainders

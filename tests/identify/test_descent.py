@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +13,7 @@ from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording, simulate_trials
 from frictionpinn.identify import Problem, bound, maximum_likelihood
 from frictionpinn.identify.bound import bound_of
-from frictionpinn.identify.build import beside_jumps
-from frictionpinn.identify.likelihood import beginnings, lowest_of_trials
+from frictionpinn.identify.likelihood import beginnings
 from frictionpinn.identify.profile import profiled
 from frictionpinn.numerics import parallel
 from frictionpinn.numerics.descent import (
@@ -29,6 +27,8 @@ from frictionpinn.numerics.descent import (
     coarse_to_fine,
     levenberg_marquardt,
 )
+from frictionpinn.numerics.jumps import beside_jumps
+from frictionpinn.numerics.minima import lowest_of_trials
 from frictionpinn.numerics.resolution import averaged, samples_within
 from frictionpinn.numerics.whiteness import SIGNIFICANCE, whiteness
 from frictionpinn.physics import LAWS, SYSTEMS
@@ -286,7 +286,7 @@ def test_trials_that_ended_in_a_minimum_of_their_own_are_brought_to_lower_ones(w
     first = evaluate(np.zeros(1), [np.array([5.0 * w]) for w in wrong], True)
     found = levenberg_marquardt(evaluate, first, limits)
     assert found.state.cost > 1.5 * np.count_nonzero(wrong)
-    best = lowest_of_trials(SimpleNamespace(resolutions=[0.0]), evaluate, found, limits)
+    best = lowest_of_trials(evaluate, found, limits, [0.0])
     assert best.state.cost < found.state.cost - 1.5 and best.state.u[0] == pytest.approx(1.0, abs=0.01)
 
 

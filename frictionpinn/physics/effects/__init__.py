@@ -87,6 +87,16 @@ def applicable(system: System, law: FrictionLaw, others: Iterable[str] = ()) -> 
     return tuple(e for e in effects if e.applies(system, law, tuple(others)))
 
 
+def effects_for(system: System, law: FrictionLaw, names: Iterable[str] | None = None) -> tuple[Effect, ...]:
+    """Every effect that can act on a system with a law, or the named ones among them, as objects.
+
+    Of several contacts a name is of the effect at one, ``asymmetry@hinge``, or at each, ``asymmetry``.
+    """
+    every = applicable(system, law, tuple(effect.name for effect in applicable(system, law)))
+    wanted = {e.name for e in every} if names is None else set(names)
+    return tuple(e for e in every if {e.name, e.name.partition("@")[0]} & wanted)
+
+
 def chosen(effects: Iterable[str | Effect], system: System, law: FrictionLaw) -> tuple[Effect, ...]:
     """Effects, by name or made already, in the order in which they act.
 

@@ -13,7 +13,6 @@ class StribeckShape(Effect):
     """
 
     name = "stribeck_shape"
-    bends = True
     parameters = (strength("stribeck_shape", "1", "change of the Stribeck exponent", -1.9, 2.0),)
 
     def applies(self, system, law, others=()):
