@@ -78,7 +78,7 @@ def choose_loss(name: str, mechanism: Mechanism) -> Loss:
     """Return the loss of that name; :class:`UserError` for an unknown one.
 
     "auto" is robust for a law without memory: its force jumps within a sample, and a model that is a sample late makes
-    an outlier of a jump that the noise hides from :func:`frictionpinn.identify.build.beside_jumps`.
+    an outlier of a jump that the noise hides from :func:`frictionpinn.numerics.jumps.beside_jumps`.
     """
     auto = LOSSES["gaussian" if mechanism.law.memory else "robust"]
     return choose(name, {"auto": auto} | LOSSES, "loss")

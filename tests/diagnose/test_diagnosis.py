@@ -19,7 +19,6 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
-from frictionpinn.diagnose import report
 from frictionpinn.diagnose.diagnosis import diagnose
 from frictionpinn.diagnose.select import Settings
 from frictionpinn.errors import UserError
@@ -28,6 +27,7 @@ from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.effect import Effect, strength
 from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.report import diagnosis as report
 from frictionpinn.report.diagnosis import evidence_so_far, headline
 from frictionpinn.workflow import diagnose as workflow
 
