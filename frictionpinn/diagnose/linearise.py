@@ -9,7 +9,7 @@ import numpy as np
 
 from ..numerics.parallel import in_parallel
 from ..numerics.resolution import samples_within
-from ..numerics.score_test import Rows, weighted
+from ..numerics.score import Rows, weighted
 from .bench import Bench
 from .fit import Fit
 

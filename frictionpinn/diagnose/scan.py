@@ -17,7 +17,7 @@ import numpy as np
 from ..numerics.coloured import Noise, fit_noise
 from ..numerics.parallel import in_parallel
 from ..numerics.resolution import samples_within
-from ..numerics.score_test import SINGULAR, TINY, Columns, Normal, Rows, beside, log_p, solve, weighted
+from ..numerics.score import SINGULAR, TINY, Columns, Normal, Rows, beside, log_p, solve, weighted
 from ..numerics.simulate import ContactLost, Simulation, SimulationFailed
 from ..numerics.tangent import Tangent
 from ..physics.remainder import BUMPS, Remainder
@@ -264,7 +264,7 @@ class _Place:
     def left(self, changes: Sequence[np.ndarray], names: Sequence[str]) -> tuple[list[Columns], np.ndarray, np.ndarray]:
         """Columns beside what is estimated, what they take of that, and their squared lengths before.
 
-        See :func:`frictionpinn.numerics.score_test.beside`. Those that overflow have infinite length.
+        See :func:`frictionpinn.numerics.score.beside`. Those that overflow have infinite length.
 
         Args:
             changes: rows of every trial, shape (signals, n, columns).

@@ -13,7 +13,7 @@ from ..data.inspect import no_slip
 from ..identify.result import NO_EXCITATION
 from ..numerics.coloured import Noise
 from ..numerics.formula import sparse_formula
-from ..numerics.score_test import Columns, Normal
+from ..numerics.score import Columns, Normal
 from ..physics.remainder import Remainder
 from .bench import Bench
 from .errors import compare, main_signal

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.stats import t
 
 from ..numerics.imposed import ImposedFriction
-from ..numerics.score_test import inverse_root
+from ..numerics.score import inverse_root
 from ..physics import FrictionLaw
 from ..physics.base import Parameter, at_contact, contact_of, plain_name
 from ..physics.effect import Effect

@@ -24,7 +24,7 @@ import torch
 from ..data.thresholds import JITTER
 from ..errors import UserError
 from ..models import JointNetworks, JointTrial
-from ..numerics.score_test import inverse_root
+from ..numerics.score import inverse_root
 from ..numerics.torch_functions import LawFunctions
 from ..physics.base import at_contact, contact_of, plain_name
 from .balance import Model, Solution

@@ -1,6 +1,6 @@
 """What a term would gain in the balance of a robot: score tests, and cross-validation by stretches of time.
 
-At a fit the balance is linear in all that may change, see :mod:`frictionpinn.numerics.score_test`. Here there are rows
+At a fit the balance is linear in all that may change, see :mod:`frictionpinn.numerics.score`. Here there are rows
 of every joint and no unknowns of single trials; a term at one joint has entries in that joint's rows alone.
 """
 
@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.stats import f, norm, wilcoxon
 
-from ..numerics.score_test import NOTHING, TINY, inverse_root
+from ..numerics.score import NOTHING, TINY, inverse_root
 from .balance import Solution, away, blocks_of
 
 FOLDS = 8  # stretches of time, each left out once: seven eighths still excite what the whole does

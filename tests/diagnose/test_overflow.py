@@ -10,7 +10,7 @@ from test_diagnosis import diagnosed
 from test_possible import drive
 
 from frictionpinn.diagnose import scan as scanning
-from frictionpinn.numerics.score_test import Normal, Score
+from frictionpinn.numerics.score import Normal, Score
 
 __all__ = ["drive"]
 NAMES = "asymmetry", "drag", "inertia"

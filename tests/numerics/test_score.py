@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from frictionpinn.numerics import score_test as score
+from frictionpinn.numerics import score
 from frictionpinn.numerics.coloured import Noise, fit_noise, outliers
-from frictionpinn.numerics.score_test import Columns, Normal, Rows, basis, beside, log_p, project
+from frictionpinn.numerics.score import Columns, Normal, Rows, basis, beside, log_p, project
 
 WHITE = Noise()
 
