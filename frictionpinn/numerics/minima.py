@@ -9,6 +9,7 @@ import numpy as np
 
 from .descent import KNOWN, Evaluate, Limits, Solution, State, assembled, coarse_to_fine
 from .parallel import in_parallel
+from .score import inverse_root
 
 KICKS = tuple(np.geomspace(12.0, 1.0, 8))  # standard errors to where searches for other minima begin
 AT_ONCE = 2  # of these: not the number of cores, on which no result may depend
@@ -28,6 +29,11 @@ def lowest_of_trials(evaluate: Evaluate, found: Solution, limits: Limits, widths
     """
     rng = np.random.default_rng(0)
 
+    def away(at: State, kick: float) -> State:
+        roots = [inverse_root(piece.ll) for piece in at.pieces]
+        steps = [kick * (H @ rng.standard_normal(H.shape[1])) for H in roots]
+        return replace(at, locals=tuple(x + step for x, step in zip(at.locals, steps, strict=True)))
+
     def followed(at: State, begun: Sequence[State]) -> list[Solution | None]:
         def follow(k: int) -> Solution | None:
             return coarse_to_fine(evaluate, begun[k], (at.u, at.u), widths[-1 - k :], [at])
@@ -36,17 +42,8 @@ def lowest_of_trials(evaluate: Evaluate, found: Solution, limits: Limits, widths
 
     for k in range(0, len(KICKS), AT_ONCE):
         at = found.state
-        places = [(x, piece.ll) for x, piece in zip(at.locals, at.pieces, strict=True)]
-        ends = followed(at, [replace(at, locals=tuple(x + kick * drawn(own, rng) for x, own in places))
-                             for kick in KICKS[k : k + AT_ONCE]])  # fmt: skip
+        ends = followed(at, [away(at, kick) for kick in KICKS[k : k + AT_ONCE]])
         if all(end is not None and end.reason == KNOWN for end in ends):
             break
         found = assembled(evaluate, found, [end.state.locals for end in ends if end is not None], limits)
     return found
-
-
-def drawn(information: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A step drawn from the normal distribution whose information is given, shape (n, n) -> (n,)."""
-    scale = 1 / np.sqrt(np.maximum(information.diagonal(), 1e-300))
-    values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
-    return scale * (vectors @ (rng.standard_normal(len(scale)) / np.sqrt(np.maximum(values, 1e-14))))
