@@ -49,7 +49,7 @@ from ..progress import counted
 from .problem import Problem
 from .result import Estimate, Minimum
 from .start import coarse_design, ridge_grid, ridges
-from .tether import Found, followed, lowest, stages, tethered
+from .tether import Found, Path, followed, lowest, tethered
 from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours
 
@@ -101,7 +101,8 @@ def maximum_likelihood(
     before = problem.simulations
     given = [problem.start] if start is None else [problem.start, problem.start | dict(start)]
     us, held, sigmas = [problem.space.to_search(p) for p in given], tethered(problem), dict(problem.sigmas)
-    ends = followed(problem, us, stages(problem, held, sigmas))
+    path = Path(problem, held, sigmas)
+    ends = followed(path, us, path.stages)
     settled = _settled(problem, ends[0][1], ends[0][0], sigmas) if ends else None
     if settled is None or not _white(problem, settled[0].state):  # another start may explain more
         found, sigmas = _elsewhere(problem, held)
@@ -206,15 +207,15 @@ def _white(problem: Problem, state: State) -> bool:
 
 def _elsewhere(problem: Problem, held: Problem | None) -> tuple[list[Found], dict[str, float]]:
     """Fits of the whole trials from starts that a design holds, best first, and noise levels to begin with."""
-    space, (first, *_) = problem.space, stages(problem, held, problem.sigmas, coarse=True)
-    begun = followed(problem, lowest(problem, first, coarse_design(problem), BEST), [first])
+    space, path = problem.space, Path(problem, held, problem.sigmas)
+    begun = followed(path, lowest(path, coarse_design(problem), BEST), path.stages[:1])
     if not begun:
         return [], dict(problem.sigmas)
     best = begun[0][0].state
     grid = [u for pair in ridges(space) for u in ridge_grid(space, best.u, problem.fixed, pair)]
-    us = [end.state.u for end, _ in begun] + lowest(problem, first, grid, BEST)
-    sigmas = _louder(problem, best)
-    return followed(problem, us, stages(problem, held, sigmas, coarse=True)), sigmas
+    us = [end.state.u for end, _ in begun] + lowest(path, grid, BEST)
+    path = replace(path, sigmas=_louder(problem, best))
+    return followed(path, us, path.stages), dict(path.sigmas)
 
 
 def _again(problem: Problem, ends: Sequence[Found], sigmas: Mapping[str, float]) -> list[Found]:

@@ -15,9 +15,10 @@ Source: Abarbanel, Creveling, Farsian, Kostuk, Dynamical state and parameter est
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 import sympy as sp
@@ -48,12 +49,14 @@ from .trial import TrialModel
 AS_NEAR = 6.0
 RATE = Parameter("tether", "1/s", "how fast the motion returns to the measured one", value=0.0)
 FADING = 2.0  # times longer is each tether than the one before
-LONGEST = 3.0  # times the longest trial: a tether that holds nothing
+LONGEST = 3.0  # times the longest trial: a tether that holds hardly anything
+LOST = 1.5  # times the cost of a trial: let go of at once, its motion is another one
+HALVED = 4  # times at most is a step from one tether to the next halved, a budget
 
 SLOPPY = {"rtol": 1e-3, "atol": 1e-4}  # errors of a step in ranking starts: far below what these differ by
 
+Stage = tuple[float, float]  # tether, 1/s, and resolution in time, s
 Found = tuple[Solution, tuple[TrialModel, ...]]  # where a search ended, and the models of the trials there
-Stage = Callable[[Sequence[TrialModel]], Evaluate]  # models of the trials -> the cost that a search follows for a while
 
 
 @dataclass(frozen=True, repr=False)
@@ -98,64 +101,95 @@ def measured(c: Coordinate) -> tuple[sp.Symbol, sp.Symbol]:
     return place, speed
 
 
-def stages(problem: Problem, held: Problem | None, sigmas: Mapping[str, float], *, coarse: bool = False) -> list[Stage]:
-    """The costs that a search follows in turn: the motion held to the measured one and let go of.
+@dataclass(frozen=True)
+class Path:
+    """The costs that a search follows: the motion held closely and compared at finer and finer resolutions in time,
+    then let go of step by step.
 
-    Args:
-        problem, held: what is solved, and :func:`tethered`: where nothing holds it the last costs are followed alone.
+    A breakaway that comes a swing of what rings too late has a minimum of its own: at the coarsest resolution there is
+    none, and a tether keeps the next one from finding another.
+
+    Attributes:
+        problem: what is solved.
+        held: :func:`tethered`, or None where nothing holds the motion.
         sigmas: noise standard deviations by signal, SI units.
-        coarse: compare the motion at the coarsest resolution in time first, and let go of at finer and finer ones.
     """
-    widths = problem.resolutions if coarse or held is None else problem.resolutions[-1:]
-    whole: list[Stage] = [partial(problem.evaluator, sigmas=sigmas, width=width) for width in widths]
-    if held is None:
-        return whole
-    return [*(partial(held_by, held, tau, sigmas=sigmas, width=widths[0]) for tau in tethers(problem)), *whole]
+
+    problem: Problem
+    held: Problem | None
+    sigmas: Mapping[str, float]
+
+    @cached_property
+    def stages(self) -> tuple[Stage, ...]:
+        """Tether, 1/s, and resolution in time, s, one after another."""
+        closest, *rest = [*(1 / tau for tau in tethers(self.problem) if self.held), 0.0]
+        return (*((closest, width) for width in self.problem.resolutions), *((tether, 0.0) for tether in rest))
+
+    def cost(self, models: Sequence[TrialModel], stage: Stage) -> Evaluate:
+        """The cost of trials that begin like these models in a stage."""
+        tether, width = stage
+        if self.held is None or not tether:
+            return self.problem.evaluator(models, sigmas=self.sigmas, width=width)
+        return held_by(self.held, 1 / tether, models, sigmas=self.sigmas, width=width)
 
 
-def lowest(problem: Problem, stage: Stage, us: Sequence[np.ndarray], count: int) -> list[np.ndarray]:
-    """The ``count`` search vectors of lowest cost in a stage, lowest first: whole trials that begin as measured."""
+def lowest(path: Path, us: Sequence[np.ndarray], count: int) -> list[np.ndarray]:
+    """The ``count`` search vectors with which a path begins lowest: whole trials that begin as measured."""
     if len(us) <= count:
         return list(us)
 
     def cost(k: int) -> float:
-        if (begun := begun_at(problem, us[k])) is None:
+        if (begun := begun_at(path.problem, us[k])) is None:
             return np.inf
         state, models = begun
-        found = stage(models)(state.u, state.locals, False, **SLOPPY)
+        found = path.cost(models, path.stages[0])(state.u, state.locals, False, **SLOPPY)
         return np.inf if found is None else found.cost
 
     costs = in_parallel(cost, [1.0] * len(us), "starts tried")
     return [us[k] for k in np.argsort(costs, kind="stable")[:count] if np.isfinite(costs[k])]
 
 
-def followed(problem: Problem, us: Sequence[np.ndarray], stages: Sequence[Stage]) -> list[Found]:
+def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage]) -> list[Found]:
     """Fits of the whole trials, best first: all starts in the first stage, and from one stage to the next the best of
     these. Another stays beside it as long as it is about as good but elsewhere.
     """
-    limits, last = problem.space.limits, stages[-1]
-    begun = [pair for u in us if (pair := begun_at(problem, u)) is not None]
+    limits, last = path.problem.space.limits, path.stages[-1]
+    begun = [pair for u in us if (pair := begun_at(path.problem, u)) is not None]
     ends = [(Solution(state, GIVEN), models) for state, models in begun]
 
-    def searched(ends: Sequence[Found], stage: Stage) -> list[Found | None]:
-        def follow(k: int) -> Found | None:
-            (at, models), evaluate = ends[k], stage(ends[k][1])
-            first = evaluate(at.state.u, at.state.locals, True)
-            how = (CLOSELY if stage is last else ROUGHLY) | {"damping": 0.0 if at.reason == GIVEN else NEAR}
-            return None if first is None else (levenberg_marquardt(evaluate, first, limits, **how), models)
+    def step(before: Stage, stage: Stage, end: Found, halved: int = 0) -> Found | None:
+        """The next minimum; over tethers between, where let go of at once the motion of a trial would be lost."""
+        at, models = end
+        evaluate = path.cost(models, stage)
+        first = evaluate(at.state.u, at.state.locals, True)
+        if before[0] != stage[0] and halved < HALVED and (first is None or _lost(at.state, first)):
+            between = (before[0] + stage[0]) / 2, stage[1]
+            half = step(before, between, end, halved + 1)
+            return None if half is None else step(between, stage, half, halved + 1)
+        if first is None:
+            return None
+        how = (CLOSELY if stage == last else ROUGHLY) | {"damping": 0.0 if at.reason == GIVEN else NEAR}
+        return levenberg_marquardt(evaluate, first, limits, **how), models
 
-        return in_parallel(follow, [1.0] * len(ends), "whole trials")
+    def searched(ends: Sequence[Found], before: Stage, stage: Stage, k: int) -> Found | None:
+        return step(before, stage, ends[k])
 
-    for stage in stages:
-        if lower := sorted(filter(None, searched(ends, stage)), key=lambda end: end[0].state.cost):
+    for before, stage in pairwise((stages[0], *stages)):
+        found = in_parallel(partial(searched, ends, before, stage), [1.0] * len(ends), "whole trials")
+        if lower := sorted(filter(None, found), key=lambda end: end[0].state.cost):
             best, ends = lower[0][0].state, lower[:1]
             for end in lower[1:]:
                 near = end[0].state.cost <= best.cost + AS_NEAR * best.unit
-                if stage is last or (near and not any(same_minimum(other.state, end[0].state) for other, _ in ends)):
+                if stage == last or (near and not any(same_minimum(other.state, end[0].state) for other, _ in ends)):
                     ends.append(end)
         elif ends and ends[0][0].reason == GIVEN:
             return []
     return ends
+
+
+def _lost(held: State, free: State) -> bool:
+    """Whether a trial's motion became another one."""
+    return any(new.cost > LOST * old.cost for old, new in zip(held.pieces, free.pieces, strict=True))
 
 
 def begun_at(problem: Problem, u: np.ndarray) -> tuple[State, tuple[TrialModel, ...]] | None:

@@ -5,11 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases import case
+from omegaconf import OmegaConf
 
+from frictionpinn.data.noise import GaussianNoise
+from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem
 from frictionpinn.identify.start import coarse_design
-from frictionpinn.identify.tether import FADING, LONGEST, RATE, followed, held_by, lowest, stages, tethered, tethers
+from frictionpinn.identify.tether import FADING, LONGEST, RATE, Path, followed, held_by, lowest, tethered, tethers
 from frictionpinn.numerics.descent import levenberg_marquardt
+from frictionpinn.physics import SYSTEMS
+from frictionpinn.physics.contacts import by_parameter, law_named
+from frictionpinn.physics.mechanism import Mechanism
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +63,8 @@ def test_tethers_double_from_a_stretch_of_low_speed_to_beyond_the_longest_trial(
 
 def test_let_go_the_fit_ends_in_the_minimum_of_the_truth(box):
     problem, truth = box
-    path = stages(problem, tethered(problem), problem.sigmas)
-    found = followed(problem, [problem.space.to_search(problem.start)], path)
+    path = Path(problem, tethered(problem), problem.sigmas)
+    found = followed(path, [problem.space.to_search(problem.start)], path.stages)
     solution, models = found[0]
     evaluate = problem.evaluator(models)
     begun = evaluate(problem.space.to_search(truth), [m.local[: m.size(problem.joint)] for m in models], True)
@@ -76,10 +82,10 @@ def test_a_held_cost_counts_among_the_problems_simulations(box):
 
 def test_held_closely_the_start_nearest_to_the_truth_is_ranked_first(box):
     problem, truth = box
-    first, *_ = stages(problem, tethered(problem), problem.sigmas, coarse=True)
+    path = Path(problem, tethered(problem), problem.sigmas)
     wrong = [problem.space.to_search(truth | {"sigma_0": s * truth["sigma_0"]}) for s in (0.1, 0.3, 10.0)]
     near = problem.space.to_search(truth | {"sigma_0": 1.1 * truth["sigma_0"]})
-    (best,) = lowest(problem, first, [*wrong, near], 1)
+    (best,) = lowest(path, [*wrong, near], 1)
     assert best is near
 
 
@@ -97,3 +103,29 @@ def test_what_shows_accelerations_alone_is_not_held(box):
     trials = tuple(replace(trial, signals={name: trial.signals[name] for name in kept}) for trial in noisy.trials)
     alone = replace(noisy, trials=trials)
     assert tethered(Problem(mechanism, alone)) is None
+
+
+def test_a_load_that_barely_breaks_away_is_followed_to_where_the_truth_fits():
+    """Two bodies and a compliant coupling, the push a tenth above breakaway: let go of at once the load stays at rest,
+    and a breakaway that comes a swing of the coupling too late has a minimum of its own."""
+    config = OmegaConf.to_container(OmegaConf.load("conf/system/two_mass.yaml"), resolve=True)
+    made, system = config["simulate"], SYSTEMS["two_mass"](**config["parameters"])
+    mechanism = Mechanism(system, law_named(made["friction"], "friction"))
+    truth, free = by_parameter(made["truth"], mechanism.law), ("load.mu_c", "load.mu_s", "load.v_s")
+    clean = simulate_recording(system, made["friction"], truth, made["trials"][3:4], 100.0)
+    fixed = {name: value for name, value in truth.items() if name not in free}
+    for seed in (2, 5):
+        problem = Problem(mechanism, GaussianNoise(0.05)(clean, seed), free=free, fixed=fixed)
+        path = Path(problem, tethered(problem), problem.sigmas)
+        (best, _), *_ = followed(path, [problem.space.to_search(problem.start)], path.stages)
+        values = problem.values(best.state.u)
+        assert [values[name] for name in free] == pytest.approx([truth[name] for name in free], rel=0.02)
+
+
+def test_resolutions_grow_finer_under_the_shortest_tether_before_it_is_let_go_of(box):
+    problem, _ = box
+    first = len(problem.resolutions)
+    tethers_, widths = zip(*Path(problem, tethered(problem), problem.sigmas).stages, strict=True)
+    assert widths[:first] == tuple(problem.resolutions) and not any(widths[first:])
+    assert len({*tethers_[:first]}) == 1 and tethers_[-1] == 0
+    assert Path(problem, None, problem.sigmas).stages == tuple((0.0, width) for width in problem.resolutions)
