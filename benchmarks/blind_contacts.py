@@ -6,10 +6,14 @@
 Trials of a system's own file, the last held out, 5 % noise on every signal, 100 Hz.
 
     effects     pob_hinge, cartpole and two_mass in turn, LuGre at both contacts, and one effect at one of them that
-                makes 5 to 10 % of the friction there (root mean square)
+                makes 5 to 10 % of the friction there (root mean square), or more where the declared laws at their best
+                leave less of that than a test at the significance of a diagnosis finds in 99 of 100 recordings
     undeclared  pob_hinge, whose hinge is declared without friction; it has some, Coulomb or viscous by turns, of 3 to
                 10 % of the torque
     clean       the same with nothing in the hinge
+
+Right is the effect that acts, named first; or named as alike to the one that is named first, where by the bound these
+data do not tell the two apart (a force that is constant and friction that is stronger one way differ in stops alone).
 
 The diagnosis sees the recording and the declared laws, nothing else. It was developed on seeds below 1000. Each answer
 is kept in benchmarks/results/blind_contacts.json as it comes and not asked for again.
@@ -21,17 +25,21 @@ import argparse
 import json
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import sympy as sp
 from omegaconf import OmegaConf
+from scipy.stats import norm
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.recording import Recording
 from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.diagnose.contenders import TESTED, Settings
 from frictionpinn.diagnose.diagnosis import diagnose
+from frictionpinn.identify import Problem, bound, maximum_likelihood
 from frictionpinn.physics import SYSTEMS
 from frictionpinn.physics.base import CONTACT
 from frictionpinn.physics.contacts import by_parameter, law_named
@@ -45,6 +53,9 @@ PLACES = (("pob_hinge", "box"), ("pob_hinge", "hinge"), ("cartpole", "rail"), ("
 STRENGTHS = {"asymmetry": ("asymmetry", True), "constant_force": ("constant_force", True), "drag": ("drag", False),
              "asymmetric_viscous": ("asymmetric_viscous", True)}  # fmt: skip
 SHARES = {"effects": (0.05, 0.10), "undeclared": (0.03, 0.10)}
+# Standard errors that are found in 99 of 100 at the significance of a diagnosis, and those that tell two effects apart.
+FOUND = float(norm.isf(10**Settings.log_p / TESTED / 2) + norm.ppf(0.99))
+TOLD = float(np.sqrt(2 * Settings.told_apart))
 
 
 @cache
@@ -79,13 +90,53 @@ def size(mechanism: Mechanism, truth: dict[str, float], clean: Recording, streng
     return float(np.sqrt(np.mean(np.concatenate(squares))))
 
 
+def left(declared: Mechanism, truth: dict[str, float], clean: Recording) -> float:
+    """Root of twice the log-likelihood that the declared laws, fitted to a recording without noise, lack at the level
+    of the noise: the standard errors by which what acts in it stands out."""
+    problem = Problem(declared, clean, sigmas=GaussianNoise(NOISE).levels(clean))
+    found = maximum_likelihood(problem, start=truth, thorough=False, profiles=False).minimum
+    return 0.0 if found is None else float(np.sqrt(2 * found.state.cost))
+
+
+def told(mechanism: Mechanism, truth: dict[str, float], seen: Recording, strength: str) -> dict[str, float]:
+    """Strength over its least standard error, Cramer-Rao: beside the law ("") and beside that and each other effect."""
+    at = {
+        f"{effect}@{c.name}": f"{c.name}.{plain}"
+        for c in mechanism.contacts
+        for effect, (plain, _) in STRENGTHS.items()
+    }
+    law = [par.name for par in mechanism.law.parameters if par.value is None]
+    every = Mechanism(mechanism.system, mechanism.law, tuple(at))
+    best = bound(every, seen, dict.fromkeys(at.values(), 0.0) | truth, free=[*law, *at.values()])
+    place = {name: k for k, name in enumerate(best.names)}
+    value = best.space.to_search(best.values)[place[strength]]
+
+    def beside(*others: str) -> float:
+        own = [place[name] for name in (strength, *law, *others)]
+        covariance = np.linalg.pinv(best.information[np.ix_(own, own)], rcond=1e-13, hermitian=True)
+        return float(abs(value) / np.sqrt(covariance[0, 0]))
+
+    return {"": beside()} | {effect: beside(name) for effect, name in at.items() if name != strength}
+
+
 def rms(rows: list[np.ndarray]) -> float:
     """Root mean square over all trials."""
     return float(np.sqrt(np.mean(np.concatenate(rows) ** 2)))
 
 
-def draw(kind: str, seed: int) -> tuple[Mechanism, Recording, str, dict[str, float]]:
-    """The declared mechanism, the recording, the effect that acts in it and its strengths."""
+@dataclass(frozen=True)
+class Draw:
+    """The declared mechanism, the recording, the effect that acts in it, its strengths, and what the bound says."""
+
+    mechanism: Mechanism
+    recording: Recording
+    effect: str = ""
+    values: dict[str, float] = field(default_factory=dict)
+    told: dict[str, float] = field(default_factory=dict)
+
+
+def draw(kind: str, seed: int) -> Draw:
+    """A recording of this kind."""
     rng = np.random.default_rng([seed, sum(map(ord, kind))])
     if kind == "effects":
         name, contact = PLACES[seed % len(PLACES)]
@@ -96,25 +147,40 @@ def draw(kind: str, seed: int) -> tuple[Mechanism, Recording, str, dict[str, flo
         name, contact, effect = "pob_hinge", "hinge", "friction" if kind == "undeclared" else ""
         plain, signed, (declared, truth, clean) = ("mu_c", "sigma_2")[seed % 2], False, bed(name, "hinge")
         against = rms([trial.signals["tau"] for trial in clean.trials if "tau" in trial.signals])
+    noise = GaussianNoise(NOISE)
     if not effect:
-        return declared, GaussianNoise(NOISE)(clean, seed), "", {}
+        return Draw(declared, noise(clean, seed))
     located, strength = f"{effect}@{contact}", f"{contact}.{plain}"
     mechanism = Mechanism(declared.system, declared.law, (located,))
     share = rng.uniform(*SHARES[kind]) * (rng.choice([-1, 1]) if signed else 1)
     values = {strength: float(share * against / size(mechanism, truth, clean, strength))}
     trials = OmegaConf.to_container(OmegaConf.load(ROOT / "conf" / "system" / f"{name}.yaml"))["simulate"]["trials"]
     laws = {at.name: at.law.name for at in declared.contacts}
-    made = simulate_recording(declared.system, laws, truth | values, trials, RATE, [located])
-    return declared, GaussianNoise(NOISE)(made, seed), located, values
+
+    def made() -> Recording:
+        return simulate_recording(declared.system, laws, truth | values, trials, RATE, [located])
+
+    if kind != "effects":
+        return Draw(declared, noise(made(), seed), located, values)
+    fitted = made().names[:-1]
+
+    def seen() -> dict[str, float]:
+        return told(declared, truth | values, noise(made(), seed).select(fitted), strength)
+
+    # To first order, where simulations without noise are worth more than their own errors; then as it is.
+    values[strength] *= max(FOUND / seen()[""], 1.0)
+    values[strength] *= max(FOUND / left(declared, truth, made().select(fitted)), 1.0)
+    return Draw(declared, noise(made(), seed), located, values, seen())
 
 
 def run(kind: str, seed: int) -> dict:
     """One recording and what the diagnosis says of it."""
-    mechanism, recording, effect, values = draw(kind, seed)
-    names, began = recording.names, time.perf_counter()
-    case = {"kind": kind, "seed": seed, "system": mechanism.system.name, "effect": effect, "values": values}
+    own = draw(kind, seed)
+    recording, names, began = own.recording, own.recording.names, time.perf_counter()
+    case = {"kind": kind, "seed": seed, "system": own.mechanism.system.name, "effect": own.effect, "values": own.values,
+            "told": own.told}  # fmt: skip
     try:
-        d = diagnose(mechanism, recording.select(names[:-1]), recording.select(names[-1:]))
+        d = diagnose(own.mechanism, recording.select(names[:-1]), recording.select(names[-1:]))
     except Exception as error:
         return case | {"failed": f"{type(error).__name__}: {error}", "seconds": time.perf_counter() - began}
     rest = d.unexplained
@@ -130,17 +196,24 @@ def run(kind: str, seed: int) -> dict:
     }
 
 
-def right(case: dict) -> bool:
+def named(case: dict) -> bool:
     """Whether the first effect, at its contact, is the one that acts; of a clean recording, that nothing is missing."""
     if "failed" in case:
         return False
     return case["effects"][:1] == [case["effect"]] if case["effect"] else case["verdict"] == "nothing missing"
 
 
+def right(case: dict) -> bool:
+    """Whether it is named, or is said to be alike to what is named, where these data do not tell them apart."""
+    if named(case) or "failed" in case or not case["effects"]:
+        return named(case)
+    return case["effect"] in case["alike"][0] and case["told"].get(case["effects"][0], np.inf) < TOLD
+
+
 def report(cases: list[dict]) -> str:
     """The table of all kinds."""
     lines = ["python benchmarks/blind_contacts.py: two contacts, 5 % noise on every signal, 100 Hz; seeds from 1000 on",
-             f"{'':12s} {'right':>7s} {'no other':>9s} {'inside 95 %':>12s} {'median s':>9s}  wrong"]  # fmt: skip
+             "                right  named  alone  inside 95 %  median s  wrong"]  # fmt: skip
     for kind in ("effects", "undeclared", "clean"):
         own = [c for c in cases if c["kind"] == kind and c["seed"] >= 1000]
         good = [c for c in own if right(c)]
@@ -150,8 +223,10 @@ def report(cases: list[dict]) -> str:
         wrong = "; ".join(f"{c['seed']} {c['system']} {c['effect'] or 'nothing'} -> {_answer(c)}"
                           for c in own if not right(c))  # fmt: skip
         seconds = f"{np.median([c['seconds'] for c in own]):.0f}" if own else ""
-        lines.append(f"{kind:12s} {f'{len(good)}/{len(own)}':>7s} {alone:9d} {f'{sum(inside)}/{len(inside)}':>12s} "
-                     f"{seconds:>9s}  {wrong}")  # fmt: skip
+        count, within = f"{len(good)}/{len(own)}", f"{sum(inside)}/{len(inside)}"
+        lines.append(
+            f"{kind:12s} {count:>7s} {sum(map(named, own)):6d} {alone:6d} {within:>12s} {seconds:>9s}  {wrong}"
+        )
     return "\n".join(lines) + "\n"
 
 

@@ -17,6 +17,7 @@ import numpy as np
 import sympy as sp
 from scipy.ndimage import minimum_filter1d
 
+from ..numerics.motion import SLIDING
 from ..numerics.motion_function import motion_function
 from ..physics import LAWS, System
 from ..physics.base import MU_C, SIGMA_2
@@ -24,7 +25,7 @@ from ..physics.mechanism import Mechanism
 from ..show import readable_unit
 from .filters import Motion, Sampled, bump, smooth_motion
 from .findings import NO_SLIP, Finding, listed, named_factor
-from .thresholds import ANOTHER, CLEAR, EXPLAINED, HALF, INERTIAL, OFF, SLIDING, SURE, USUAL, WELL_KNOWN
+from .thresholds import ANOTHER, CLEAR, EXPLAINED, HALF, INERTIAL, OFF, SURE, USUAL, WELL_KNOWN
 
 
 @dataclass(frozen=True)

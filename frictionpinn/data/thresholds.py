@@ -38,7 +38,6 @@ NEAR_END, PILED = 0.02, 3
 LEVELS = 32  # levels between a signal's ends: 5 bits, rounding by 1 % of the range
 TURNS = 4.0  # turns of an angle beyond which degrees are likelier than a wheel
 AT_REST = 0.1  # of a signal's root mean square: what moves less stands still
-SLIDING = 0.15  # of the largest slip velocity: faster counts as sliding
 
 # Derivatives, and forces against motion
 OFF = 1.25  # a sensor is calibrated better; what is less off is for the diagnosis (sensor_scale)

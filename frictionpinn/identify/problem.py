@@ -14,6 +14,7 @@ from ..data.recording import Recording
 from ..errors import choose
 from ..numerics.descent import Evaluate, Piece, State
 from ..numerics.loss import LOSSES, choose_loss
+from ..numerics.motion import smoothed
 from ..numerics.parallel import in_parallel
 from ..numerics.paths import DEGREE
 from ..numerics.simulate import ContactLost, SimulationFailed, Simulator
@@ -21,7 +22,7 @@ from ..numerics.smoothing import difference_sigma
 from ..physics.mechanism import Mechanism
 from ..physics.sizes import Sizes
 from .build import Channels, trial_model
-from .motion import Scales, default_bounds, smoothed
+from .scales import Scales, default_bounds
 from .space import Prior, Space
 from .trial import TrialModel
 
@@ -99,7 +100,9 @@ class Problem:
             return trial_model(trials[k], self.simulator, self.channels, self.sigmas, rest, self.joint)
 
         self.trials: tuple[TrialModel, ...] = tuple(in_parallel(model, [len(trial) for trial in trials]))
-        self.motions = smoothed(mechanism, self.trials, self.sigmas)
+        given = [model.path(model.local).signals for model in self.trials]
+        shown = [dict(zip(model.outputs, model.y, strict=True)) for model in self.trials]
+        self.motions = smoothed(mechanism, [model.t for model in self.trials], given, shown, self.sigmas)
         self.scales = Scales.of(mechanism, self.motions, self.fixed, names)
         self.bounded = frozenset(name for name, pair in (bounds or {}).items() if pair is not None)
         self.space = self._space(names, dict(bounds or {}), self.scales)
@@ -152,7 +155,7 @@ class Problem:
         if simulator is not None:
             made.simulator, made.mechanism = simulator, simulator.mechanism
             made.trials = tuple(replace(model, simulator=simulator) for model in self.trials)
-            made.motions = [replace(m, model=replace(m.model, simulator=simulator)) for m in self.motions]
+            made.motions = [replace(m, mechanism=simulator.mechanism) for m in self.motions]
         made.trials = made.trials if trials is None else tuple(trials)
         made.joint = self.joint if joint is None else joint
         if sigmas is not None:
@@ -175,7 +178,7 @@ class Problem:
     @cached_property
     def resolutions(self) -> list[float]:
         """Resolutions in time at which the model is compared with the data, s, from the coarsest to the sample (0)."""
-        times = np.concatenate([np.diff(motion.model.t[motion.edges]) for motion in self.motions])
+        times = np.concatenate([np.diff(motion.t[motion.edges]) for motion in self.motions])
         coarsest = COARSE_SHARE * float(np.median(times))
         count = 1 + int(np.log(max(coarsest / self.interval, 1.0)) / np.log(REFINEMENT))
         return [*(coarsest / REFINEMENT**k for k in range(count)), 0.0]

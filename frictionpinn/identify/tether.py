@@ -34,13 +34,13 @@ from ..numerics.descent import (
     levenberg_marquardt,
     same_minimum,
 )
+from ..numerics.motion import Motion
 from ..numerics.parallel import in_parallel
 from ..numerics.paths import InputPath, cubic
 from ..numerics.simulate import ContactLost, SimulationFailed, Simulator
 from ..physics.base import Parameter
 from ..physics.mechanism import Mechanism
 from ..physics.system import Coordinate
-from .motion import Motion
 from .problem import Problem
 from .trial import TrialModel
 

@@ -1,4 +1,4 @@
-"""What the smoothed signals say before any simulation: slip, friction in sliding, where the parameters start."""
+"""Where the parameters start: what the smoothed motion says of friction in sliding, orders of magnitude elsewhere."""
 
 from __future__ import annotations
 
@@ -8,14 +8,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import sympy as sp
-from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import least_squares
-from scipy.signal import find_peaks
 
-from ..data.thresholds import SLIDING
+from ..numerics.motion import Motion, typical
 from ..numerics.motion_function import motion_function
-from ..numerics.smoothing import Coordinate
-from ..numerics.spline_basis import smooth_together
 from ..physics.base import CONTACT, V_T, at_contact, plain_name
 from ..physics.beforehand import EXCESS, STRIBECK
 from ..physics.friction import CoulombViscous
@@ -23,106 +19,9 @@ from ..physics.mechanism import Mechanism
 from ..physics.scan import DECADES, data_scales
 from ..physics.sizes import Sizes, SizesByContact
 from ..physics.system import System
-from .trial import TrialModel
 
-CLEAR = 4.0  # and of the velocity's noise, in standard deviations
-SHORTEST_WINDOW = 24  # samples in a window between two peaks of the slip velocity
 NUDGE = 0.3  # of its size: where a strength starts whose effect has a shape to find as well
 WEAKEST = 0.01  # of the larger of dry and viscous friction: where the smaller one starts at least
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Smoothed signals of one trial, and what follows from them.
-
-    Attributes:
-        model: the trial.
-        signals: name -> samples, shape (n,), SI units: free and driven coordinates and inputs.
-        slips: contact -> slip velocity, shape (n,).
-        fast: samples at which every contact slides for certain, shape (n,), bool.
-        pace: slip velocity, shape (n,); with several contacts the least of them, in units of what is usual there.
-    """
-
-    model: TrialModel
-    signals: dict[str, np.ndarray]
-    slips: dict[str, np.ndarray]
-    fast: np.ndarray
-    pace: np.ndarray
-
-    @property
-    def v_slip(self) -> np.ndarray:
-        """Slip velocity at the only contact, shape (n,)."""
-        (v_slip,) = self.slips.values()
-        return v_slip
-
-    def at(self, contact: str) -> Motion:
-        """The motion as one contact sees it."""
-        return replace(self, slips={contact: self.slips[contact]})
-
-    @property
-    def _system(self) -> System:
-        (contact,) = self.slips
-        return self.model.simulator.mechanism.system.at(contact)
-
-    @property
-    def edges(self) -> list[int]:
-        """Samples between which a window holds one stretch of low speed: peaks of the slip velocity, and the ends."""
-        speed, last = np.abs(self.pace), len(self.pace) - 1
-        peaks, _ = find_peaks(np.where(self.fast, speed, 0.0), distance=SHORTEST_WINDOW)
-        return [0, *(int(k) for k in peaks if SHORTEST_WINDOW <= k <= last - SHORTEST_WINDOW), last]
-
-    @property
-    def normal(self) -> np.ndarray:
-        """Normal force, shape (n,), as far as the motion tells it."""
-        return self._samples(self._system.N)
-
-    @property
-    def position(self) -> np.ndarray:
-        """Slip position, shape (n,); the integral of the slip velocity where no expression gives it."""
-        position = self._system.slip_position
-        if position is None:
-            return cumulative_trapezoid(self.v_slip, self.model.t, initial=0.0)
-        return self._samples(position)
-
-    def _samples(self, expr: sp.Expr) -> np.ndarray:
-        mechanism = self.model.simulator.mechanism
-        return motion_function(mechanism.system, expr)(self.signals, _typical(mechanism))
-
-
-def smoothed(mechanism: Mechanism, models: Sequence[TrialModel], sigmas: Mapping[str, float]) -> list[Motion]:
-    """The trials with free coordinates smoothed by splines, the inputs as fitted.
-
-    ``sigmas`` are noise standard deviations by signal, SI units.
-    """
-    signals = [dict(model.path(model.local).signals) for model in models]
-    measured = [dict(zip(model.outputs, model.y, strict=True)) for model in models]
-    if mechanism.system.massless:  # the force of an imposed motion is measured, not an input
-        for own, rows in zip(signals, measured, strict=True):
-            own.update({name: np.nan_to_num(y) for name, y in rows.items()})
-    for c in mechanism.free:
-        data: list[Coordinate] = [
-            (model.t, rows.get(c.signals[0]), rows.get(c.signals[1]), rows.get(c.signals[2]))
-            for model, rows in zip(models, measured, strict=True)
-        ]
-        for own, smooth in zip(signals, smooth_together(data, [sigmas.get(name) for name in c.signals]), strict=True):
-            own.update(zip(c.signals, smooth[:3], strict=True))
-    typical = _typical(mechanism)
-    slips = [{contact.name: _slip(contact.system)(own, typical) for contact in mechanism.contacts} for own in signals]
-    noise = max([sigmas[c.signals[1]] for c in mechanism.free if c.signals[1] in sigmas], default=0.0)
-    fast, paces = [np.ones(len(model.t), bool) for model in models], [np.full(len(m.t), np.inf) for m in models]
-    for contact in mechanism.contacts:
-        largest = max(float(np.quantile(np.abs(v[contact.name]), 0.99)) for v in slips)
-        threshold = max(SLIDING * largest, min(CLEAR * noise, 0.5 * largest))
-        for k, v in enumerate(slips):
-            own = v[contact.name] if len(v) == 1 else v[contact.name] / (largest or 1.0)
-            fast[k] &= np.abs(v[contact.name]) > threshold
-            paces[k] = np.where(np.abs(own) < np.abs(paces[k]), own, paces[k])
-    parts = zip(models, signals, slips, fast, paces, strict=True)
-    return [Motion(*part) for part in parts]
-
-
-def _slip(system: System):
-    return motion_function(system, system.v_slip)
 
 
 @dataclass(frozen=True)
@@ -150,7 +49,7 @@ class Scales:
         An effect's hidden parameters start in the middle of their scan, its strengths at their neutral value, or
         beside that if a hidden one is free: it would not show.
         """
-        known = _typical(mechanism) | dict(fixed)
+        known = typical(mechanism) | dict(fixed)
         found = _sliding_regression(mechanism, motions, known, names)
         known |= found
         rough, alone = dict[str, float](), dict[str, float]()
@@ -161,7 +60,7 @@ class Scales:
             mass = masses[contact.name] = _effective_mass(mechanism, contact.system, motions, known)
             slips = [motion.v_slip for motion in at]
             velocity = float(np.sqrt(np.mean(np.concatenate(slips) ** 2))) or 1.0
-            rates = np.concatenate([np.gradient(motion.v_slip, motion.model.t) for motion in at])
+            rates = np.concatenate([np.gradient(motion.v_slip, motion.t) for motion in at])
             acceleration = float(np.sqrt(np.mean(rates**2))) or 1.0
             load = max(float(np.mean([np.mean(np.abs(motion.normal)) for motion in at])), 1e-12)
             units = {mu: load, viscous: velocity}
@@ -182,7 +81,7 @@ class Scales:
                 "sigma_1": damping, "sigma_2": 0.1 * force / velocity,
             }  # fmt: skip
             rough |= {at_contact(contact.name, name): value for name, value in own.items()}
-            times, places = [motion.model.t for motion in at], [motion.position for motion in at]
+            times, places = [motion.t for motion in at], [motion.position for motion in at]
             scales = data_scales(times, places, slips, [np.ones(1) * load])
             turns = contact.system.slip_unit == "rad"
             sizes[contact.name] = Sizes(scales, velocity, force, turns)
@@ -318,9 +217,3 @@ def _effective_mass(
             f = motion_function(at, sp.diff(at.residual(c), c.symbols[2]) / jacobian**2)
             return float(np.mean([np.mean(f(m.signals, values)) for m in motions]))
     return None
-
-
-def _typical(mechanism: Mechanism) -> dict[str, float]:
-    """Values of all parameters, 1 where one has none."""
-    values = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values
-    return {name: 1.0 if value is None else float(value) for name, value in values.items()}
