@@ -5,9 +5,9 @@ that follows is another motion. And what is sampled jumps: a stop one sample lat
 acceleration, and a small change of the parameters changes nothing (laws without memory are not asked beside a jump, see
 :func:`frictionpinn.numerics.jumps.beside_jumps`). So the search goes
 
-1. over whole trials, noisy inputs among the unknowns, held to the motion that was measured and let go of, each minimum
-   the start of the next (:mod:`frictionpinn.identify.tether`), at the noise levels that the residuals show
-   (:func:`_settled`);
+1. over whole trials, noisy inputs among the unknowns, from a coarse resolution in time to the sample while the motion
+   is held to the measured one, then let go of, each minimum the start of the next
+   (:mod:`frictionpinn.identify.tether`), at the noise levels that the residuals show (:func:`_settled`);
 2. where that leaves what is not white, the same from other starts: a design over what the sliding samples do not tell
    and a grid over what moves together, those that fit best held by the shortest tether (:func:`_elsewhere`);
 3. around what was found, in each trial's own unknowns (:func:`lowest_of_trials`) and by ways that show other minima of

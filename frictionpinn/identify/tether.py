@@ -6,8 +6,8 @@ motion. Held by a tether, a spring and a damper between the model and what was m
     E_i + sum_k J_ki F_k + M_ii (w^2 (q_i - q_i*) + 2 w (q_i' - q_i'*)) = 0,    w = 1 / tau,
 
 it forgets an error after a few tau, and the likelihood is as smooth as over windows that short, without their edges. So
-the minimum is followed from a tether as short as a stretch of low speed to one that holds nothing over the longest
-trial.
+the minimum is followed under a tether as short as a stretch of low speed, from the coarsest resolution in time to the
+sample, and then over longer ones to none: in steps so small that no trial's motion is lost.
 
 Source: Abarbanel, Creveling, Farsian, Kostuk, Dynamical state and parameter estimation, SIAM J. Appl. Dyn. Syst. 8
 (2009), who let a coupling to the data fade.
