@@ -247,6 +247,17 @@ class Solution:
         """Standard error of each free parameter, as it is searched (of a logarithm: relative)."""
         return dict(zip(self.model.free, np.sqrt(np.maximum(np.diag(self.covariance), 0)), strict=True))
 
+    def without(self, names: Sequence[str]) -> Solution:
+        """The fit with strengths at 0 and all else where it is, to first order: not a fit without them."""
+        gone = np.array([n in names for n in self.model.free])
+        move = -np.array([self.model.values[n] for n in self.model.free])[gone] / self.scale[gone]
+        residuals = tuple(r + self.sigmas * (c[:, :, gone] @ move)
+                          for r, c in zip(self.residuals, self.columns, strict=True))  # fmt: skip
+        model = replace(self.model, values={**self.model.values, **dict.fromkeys(names, 0.0)},
+                        free=tuple(n for n in self.model.free if n not in names))  # fmt: skip
+        return replace(self, model=model, residuals=residuals, columns=tuple(c[:, :, ~gone] for c in self.columns),
+                       scale=self.scale[~gone], prior=self.prior[~gone])  # fmt: skip
+
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Interval of a parameter, SI units: of Student's distribution, as its error is told by few blocks."""
         value = self.model.values[name]

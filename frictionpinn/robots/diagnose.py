@@ -6,6 +6,7 @@
 3. At each joint keep the best by its log-likelihood, a parameter's price taken off, if it is significant, if it is
    worth a share of the joint's friction, and if cross-validation by stretches of time confirms it: what a term takes
    off stretches that its fit did not see. A term on the robot stands against those of all joints that it would change.
+   Where nothing is, terms that a law's bristle may have been bent to are tested anew at fits with them.
 4. Refit all parameters together with what was kept, and begin again at 2, until nothing is kept.
 5. Drop what the others made superfluous.
 6. Verdict of each joint: what was added, and whether what is left, as a function of one variable, matters.
@@ -29,6 +30,7 @@ from .candidates import AT_JOINTS, ON_ROBOT, Term, at_joint, on_robot, remainder
 from .identify import begun_anew, identify, relative_errors
 from .motion import Prepared
 from .score import Confirmed, Scored, Scorer
+from .whole import joint_of
 
 SURE = 2.0  # standard errors by which a cross-validated gain is one
 MOST_RIVALS = 3  # that are refitted beside the best: what is scored is linear, what is added is not
@@ -172,6 +174,8 @@ def diagnose(
         tried, count = score_all(solution, settings, refused, [a.term for a in accepted])
         kept = _best(solution, tried, count, settings, refused)
         if not kept:
+            kept = _best(solution, score_where_wanted(solution, tried, settings), count, settings, refused)
+        if not kept:
             break
         grown = solution.model
         for a in kept:
@@ -219,32 +223,66 @@ def score_all(
     """Every term at a fit, with the best value of its hidden parameters, and how many tests that were."""
     model, trials = solution.model, solution.trials
     scorer, loads, level = Scorer(solution), [model.loads(t) for t in trials], frictions(solution)
-    found, count, rows = [], 0, sum(len(t.tau) for t in trials)
+    found, count = [], 0
     for term in _terms(model, trials, loads, settings, present):
-        best: Tried | None = None
-        kept: tuple[list[np.ndarray], tuple[int, ...]] | None = None
-        number = 0
-        for some, columns, at in term.columns(model, trials, loads):
-            number += len(some)
-            if not all(np.isfinite(c).all() for c in columns):
-                continue
-            v, scored = scorer.test(columns, at, term.strengths, term.possible)
-            if best is None or scored.gain > best.scored.gain:
-                own = slice(v * term.strengths, (v + 1) * term.strengths)
-                best = Tried(term, some[v], scored, float(np.max(scored.size / level)), rows, at)
-                kept = [c[:, own].copy() if len(at) == 1 else c for c in columns], at
+        best, number = _scored(term, scorer, loads, level, settings)
         count += number
-        if best is None or kept is None:
+        if best is None:
             refused[term.name] = "could not be tested: its derivatives overflow"
             continue
         if best.scored.gain == 0.0:
             refused[term.name] = (
                 "this motion does not tell it beside what is estimated already, or its sign is impossible"
             )
-        elif best.net > 0 and best.scored.log_p + np.log10(number) < settings.log_p:
-            best = replace(best, confirmed=scorer.confirmed(*kept))
         found.append(best)
     return found, count
+
+
+def score_where_wanted(solution: Solution, tried: Sequence[Tried], settings: Settings) -> list[Tried]:
+    """Terms that a law's bristle may have been bent to, scored where the laws are at a fit with them.
+
+    A bristle gives way before it slips as a gear gives way under load, and the declared model's fit takes the one for
+    the other: far from the true laws the score test, which is linear, sees nothing.
+    """
+    model, trials = solution.model, solution.trials
+    level, found = frictions(solution), []
+    for t in tried:
+        whole = t.term.whole
+        if whole is None or not whole.like_a_bristle or not model.laws[joint_of(t.term.name)].memory:
+            continue
+        grown = solve(t.term.added(model, {}, t.scored.step).held_near(), trials, solution.sigmas)
+        if not whole.possible([grown.model.values[n] for n in whole.parameters]):
+            continue
+        if solution.cost - grown.cost > t.price:
+            there = grown.without(tuple(whole.parameters))
+            loads = [there.model.loads(trial) for trial in trials]
+            best, _ = _scored(t.term, Scorer(there), loads, level, settings)
+            found += [best] if best is not None else []
+    return found
+
+
+def _scored(
+    term: Term, scorer: Scorer, loads: Sequence[np.ndarray], level: np.ndarray, settings: Settings
+) -> tuple[Tried | None, int]:
+    """A term with the best value of its hidden parameters, and how many were tried."""
+    model, trials = scorer.solution.model, scorer.solution.trials
+    rows, number = sum(len(t.tau) for t in trials), 0
+    best: Tried | None = None
+    kept: tuple[list[np.ndarray], tuple[int, ...]] | None = None
+    for some, columns, at in term.columns(model, trials, loads):
+        number += len(some)
+        if not all(np.isfinite(c).all() for c in columns):
+            continue
+        v, scored = scorer.test(columns, at, term.strengths, term.possible)
+        if best is None or scored.gain > best.scored.gain:
+            own = slice(v * term.strengths, (v + 1) * term.strengths)
+            best = Tried(term, some[v], scored, float(np.max(scored.size / level)), rows, at)
+            kept = [c[:, own].copy() if len(at) == 1 else c for c in columns], at
+    if best is None or kept is None:
+        return None, number
+    if best.net > 0 and best.scored.log_p + np.log10(number) < settings.log_p:
+        best = replace(best, confirmed=scorer.confirmed(*kept))
+    return best, number
 
 
 def _terms(

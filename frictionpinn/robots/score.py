@@ -75,6 +75,7 @@ class Scorer:
         self.blocks = blocks_of(solution.trials)
         self.pull = H.T @ (solution.prior * away(solution.model))  # of the priors, which every stretch's fit keeps
         self.Cr = sum(C.T @ r for C, r in zip(self.C, self.r, strict=True))
+        self.left = [r - C @ self.Cr for C, r in zip(self.C, self.r, strict=True)]  # beside a fit Cr is not zero
         self.folds = _folds([trial.compared for trial in solution.trials])
 
     def _rows(self, columns: Sequence[np.ndarray], at: Sequence[int]) -> dict[int, np.ndarray]:
@@ -137,7 +138,7 @@ class Scorer:
             rows: of the term beside what is estimated already, by joint.
         """
         A = np.array([sum(x[own].T @ x[own] for x in rows.values()) for own in self.blocks])
-        b = np.array([sum(x[own].T @ self.r[k][own] for k, x in rows.items()) for own in self.blocks])
+        b = np.array([sum(x[own].T @ self.left[k][own] for k, x in rows.items()) for own in self.blocks])
         steps = []
         for a, own in zip(A, b, strict=True):
             H = inverse_root(A.sum(axis=0) - a)

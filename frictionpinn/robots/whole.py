@@ -39,6 +39,7 @@ class Whole:
 
     name: str = ""
     at_the_channel = False  # acts where torques are recorded: its own columns are of what is recorded already
+    like_a_bristle = False  # shifts forces along the motion as a law's bristle does, which may have been bent to it
 
     def __init__(self) -> None:
         self.parameters: dict[str, str] = {}
@@ -138,6 +139,7 @@ class Delay(Whole):
     """
 
     at_the_channel = True
+    like_a_bristle = True
 
     def __init__(self, joint: str):
         super().__init__()
@@ -195,6 +197,8 @@ class Compliance(Whole):
 
     Units: rad/(N m). Neutral: 0. Occurs: in strain wave gears and belts. Experiment: fast motion of a stretched arm.
     """
+
+    like_a_bristle = True
 
     def __init__(self, joint: str):
         super().__init__()
