@@ -32,7 +32,8 @@ class Settings:
         told_apart: evidence, in log-likelihood, from which one model is better than another for certain: 400 to 1.
         tied: evidence below which the more usual effect stands first: less than 3 to 1.
         same: cosine of what two candidates explain, refitted, from which they act the same way.
-        gain: log-likelihood that the held-out trials must gain: a model that is no better there gains nothing.
+        gain: log-likelihood that the held-out trials must gain: they may not speak against a model by 3 to 1. A true
+            effect as weak as can be found gains little there, by chance less than nothing.
         worth: root mean square of what is left over that of the friction force, from which it matters: friction itself
             repeats to a few per cent from day to day, and a long recording makes far less significant.
     """
@@ -45,7 +46,7 @@ class Settings:
     told_apart: float = 6.0
     tied: float = 1.0
     same: float = 0.9
-    gain: float = 1.0
+    gain: float = -1.0
     worth: float = 0.01
 
 

@@ -5,11 +5,12 @@ that follows is another motion. And what is sampled jumps: a stop one sample lat
 acceleration, and a small change of the parameters changes nothing (laws without memory are not asked beside a jump, see
 :func:`frictionpinn.numerics.jumps.beside_jumps`). So the search goes
 
-1. over whole trials, noisy inputs among the unknowns, from a coarse resolution in time to the sample while the motion
-   is held to the measured one, then let go of, each minimum the start of the next
-   (:mod:`frictionpinn.identify.tether`), at the noise levels that the residuals show (:func:`_settled`);
-2. where that leaves what is not white, the same from other starts: a design over what the sliding samples do not tell
-   and a grid over what moves together, those that fit best held by the shortest tether (:func:`_elsewhere`);
+1. over whole trials, noisy inputs among the unknowns, held to the motion that was measured and let go of, each minimum
+   the start of the next (:mod:`frictionpinn.identify.tether`), at the noise levels that the residuals show
+   (:func:`_settled`);
+2. where that leaves what is not white, the same from other starts, before that from a coarse resolution in time to the
+   sample: a design over what the sliding samples do not tell and a grid over what moves together, those that fit best
+   held by the shortest tether (:func:`_elsewhere`);
 3. around what was found, in each trial's own unknowns (:func:`lowest_of_trials`) and by ways that show other minima of
    the parameters (:func:`minima_around`). Trials share the parameters alone: the likelihood has its minima trial by
    trial: hardly any search ends in the lowest of every trial, but among a few each trial has been there, and they are
@@ -207,7 +208,7 @@ def _white(problem: Problem, state: State) -> bool:
 
 def _elsewhere(problem: Problem, held: Problem | None) -> tuple[list[Found], dict[str, float]]:
     """Fits of the whole trials from starts that a design holds, best first, and noise levels to begin with."""
-    space, path = problem.space, Path(problem, held, problem.sigmas)
+    space, path = problem.space, Path(problem, held, problem.sigmas, coarse=True)
     begun = followed(path, lowest(path, coarse_design(problem), BEST), path.stages[:1])
     if not begun:
         return [], dict(problem.sigmas)

@@ -6,8 +6,8 @@ motion. Held by a tether, a spring and a damper between the model and what was m
     E_i + sum_k J_ki F_k + M_ii (w^2 (q_i - q_i*) + 2 w (q_i' - q_i'*)) = 0,    w = 1 / tau,
 
 it forgets an error after a few tau, and the likelihood is as smooth as over windows that short, without their edges. So
-the minimum is followed under a tether as short as a stretch of low speed, from the coarsest resolution in time to the
-sample, and then over longer ones to none: in steps so small that no trial's motion is lost.
+the minimum is followed from a tether as short as a stretch of low speed, there from the coarsest resolution in time to
+the sample where nothing better is known, to none: in steps so small that no trial's motion is lost.
 
 Source: Abarbanel, Creveling, Farsian, Kostuk, Dynamical state and parameter estimation, SIAM J. Appl. Dyn. Syst. 8
 (2009), who let a coupling to the data fade.
@@ -103,8 +103,8 @@ def measured(c: Coordinate) -> tuple[sp.Symbol, sp.Symbol]:
 
 @dataclass(frozen=True)
 class Path:
-    """The costs that a search follows: the motion held closely and compared at finer and finer resolutions in time,
-    then let go of step by step.
+    """The costs that a search follows: the motion held closely, from a coarse start compared at finer and finer
+    resolutions in time, then let go of step by step.
 
     A breakaway that comes a swing of what rings too late has a minimum of its own: at the coarsest resolution there is
     none, and a tether keeps the next one from finding another.
@@ -113,17 +113,20 @@ class Path:
         problem: what is solved.
         held: :func:`tethered`, or None where nothing holds the motion.
         sigmas: noise standard deviations by signal, SI units.
+        coarse: whether it begins at the coarsest resolution: else at the sample, where a tether holds the motion.
     """
 
     problem: Problem
     held: Problem | None
     sigmas: Mapping[str, float]
+    coarse: bool = False
 
     @cached_property
     def stages(self) -> tuple[Stage, ...]:
         """Tether, 1/s, and resolution in time, s, one after another."""
         closest, *rest = [*(1 / tau for tau in tethers(self.problem) if self.held), 0.0]
-        return (*((closest, width) for width in self.problem.resolutions), *((tether, 0.0) for tether in rest))
+        widths = self.problem.resolutions[0 if self.coarse or self.held is None else -1 :]
+        return (*((closest, width) for width in widths), *((tether, 0.0) for tether in rest))
 
     def cost(self, models: Sequence[TrialModel], stage: Stage) -> Evaluate:
         """The cost of trials that begin like these models in a stage."""

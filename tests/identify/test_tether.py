@@ -116,16 +116,17 @@ def test_a_load_that_barely_breaks_away_is_followed_to_where_the_truth_fits():
     fixed = {name: value for name, value in truth.items() if name not in free}
     for seed in (2, 5):
         problem = Problem(mechanism, GaussianNoise(0.05)(clean, seed), free=free, fixed=fixed)
-        path = Path(problem, tethered(problem), problem.sigmas)
+        path = Path(problem, tethered(problem), problem.sigmas, coarse=True)
         (best, _), *_ = followed(path, [problem.space.to_search(problem.start)], path.stages)
         values = problem.values(best.state.u)
         assert [values[name] for name in free] == pytest.approx([truth[name] for name in free], rel=0.02)
 
 
-def test_resolutions_grow_finer_under_the_shortest_tether_before_it_is_let_go_of(box):
+def test_from_other_starts_resolutions_grow_finer_under_the_shortest_tether_before_it_is_let_go_of(box):
     problem, _ = box
     first = len(problem.resolutions)
-    tethers_, widths = zip(*Path(problem, tethered(problem), problem.sigmas).stages, strict=True)
+    tethers_, widths = zip(*Path(problem, tethered(problem), problem.sigmas, coarse=True).stages, strict=True)
     assert widths[:first] == tuple(problem.resolutions) and not any(widths[first:])
     assert len({*tethers_[:first]}) == 1 and tethers_[-1] == 0
+    assert Path(problem, tethered(problem), problem.sigmas).stages[0] == (tethers_[0], 0.0)
     assert Path(problem, None, problem.sigmas).stages == tuple((0.0, width) for width in problem.resolutions)
