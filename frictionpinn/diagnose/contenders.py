@@ -31,7 +31,6 @@ class Settings:
         followed: the best of these whose trials' own unknowns are offered to the others, a budget.
         told_apart: evidence, in log-likelihood, from which one model is better than another for certain: 400 to 1.
         tied: evidence below which the more usual effect stands first: less than 3 to 1.
-        same: cosine of what two candidates explain, refitted, from which they act the same way.
         gain: log-likelihood that the held-out trials must gain: they may not speak against a model by 3 to 1. A true
             effect as weak as can be found gains little there, by chance less than nothing.
         worth: root mean square of what is left over that of the friction force, from which it matters: friction itself
@@ -45,7 +44,6 @@ class Settings:
     followed: int = 2
     told_apart: float = 6.0
     tied: float = 1.0
-    same: float = 0.9
     gain: float = -1.0
     worth: float = 0.01
 
@@ -175,7 +173,7 @@ def judged(
     asked: Sequence[tuple[Tested, float, list[Tested]]],
     settings: Settings,
 ) -> tuple[Contender | None, list[Contender], list[Refused]]:
-    """The contender that is kept, those that are alike, and those that are refused.
+    """The contender that is kept, its rivals of which the evidence is about as good, and those that are refused.
 
     Args:
         before: the fit without any of them.
@@ -200,10 +198,11 @@ def judged(
     out: set[str] = set()  # what the held-out trials refused
     while left := [c for c in left if c.tested.candidate.name not in out]:
         near = [c for c in left if c.fit.cost < left[0].fit.cost + settings.told_apart]
-        names = {c.tested.candidate.name for c in near} | out
+        names = {c.tested.candidate.name for c in near}
+        done = out | {near[0].tested.candidate.name}
         # Of what was tested twice the test at the sample, which comes first, is taken.
-        twins = {n: t for members in reversed(classes) if members.keys() & names - out for n, t in members.items()}
-        twins.pop(near[0].tested.candidate.name, None)
+        near_by = [members for members in reversed(classes) if members.keys() & names]
+        twins = {n: t for members in near_by for n, t in members.items() if n not in done}
         near = _lowest([*near, *_twins(bench, before, near[0], list(twins.values()), settings)])
         near = on_equal_terms(bench, near, settings)
         evidence = _surprises(bench, [c.fit for c in near])
@@ -215,44 +214,23 @@ def judged(
         best = min(near, key=lambda c: c.cost)
         level = [c for c in near if c.cost < best.cost + settings.tied]
         winner = min(level, key=lambda c: (c.tested.candidate.usual, min(c.fit.values[n] for n in c.tested.step) < 0))
-        own = winner.tested.candidate.name
-        alike = [
-            c for c in near
-            if c is not winner and c.cost < best.cost + settings.told_apart
-            and (explained_alike(before, c.fit, winner.fit) > settings.same
-                 or any({own, c.tested.candidate.name} <= members.keys() for members in classes))
-        ]  # fmt: skip
+        rivals = [c for c in near if c is not winner and c.cost < best.cost + settings.told_apart]
         held: float | None = None
         if reference is not None and (there := winner.surprise) is not None:
             # Either will do: a law with memory may be bent to the fitted trials, and what vanished is open to anything.
             held = max(reference.as_fitted - there.as_fitted, reference.moved - there.moved)
         if held is None or held >= settings.gain:
-            names = {c.tested.candidate.name for c in (winner, *alike)}
-            refused += [
-                Refused(c.tested.candidate, f"explains less than {winner.tested.candidate.name}")
-                for c in near if c.tested.candidate.name not in names
-            ]  # fmt: skip
-            return replace(winner, gain=held), alike, refused
-        refused += [
-            Refused(c.tested.candidate, f"held-out trials do not improve ({held:+.3g} in log-likelihood)")
-            for c in (winner, *alike)
-        ]  # fmt: skip
-        out |= {c.tested.candidate.name for c in (winner, *alike)}
+            near = [c for c in near if c is not winner and c not in rivals]
+            return replace(winner, gain=held), rivals, refused + [explains_less(c, winner) for c in near]
+        why = f"held-out trials do not improve ({held:+.3g} in log-likelihood)"
+        refused.append(Refused(winner.tested.candidate, why))
+        out.add(winner.tested.candidate.name)
     return None, [], refused
 
 
-def explained_alike(before: Fit, one: Fit, other: Fit) -> float:
-    """Cosine of what two fits explain of the residuals of the one before, all signals in units of their noise."""
-
-    def explained(fit: Fit) -> np.ndarray:
-        parts = [
-            np.nan_to_num((own.residuals[n] - new.residuals[n]) / before.sigmas[n])
-            for own, new in zip(before.state.pieces, fit.state.pieces, strict=True) for n in own.residuals
-        ]  # fmt: skip
-        return np.concatenate(parts)
-
-    a, b = explained(one), explained(other)
-    return float(a @ b / max(np.linalg.norm(a) * np.linalg.norm(b), 1e-300))
+def explains_less(c: Contender, winner: Contender) -> Refused:
+    """A contender that is not kept, since another one is."""
+    return Refused(c.tested.candidate, f"explains less than {winner.tested.candidate.name}")
 
 
 def _surprises(bench: Bench, fits: Sequence[Fit]) -> list[Surprise | None]:

@@ -12,7 +12,7 @@ from ..physics.remainder import Remainder
 from ..progress import Steps
 from .bench import Bench
 from .candidates import Candidate, impossible
-from .contenders import Contender, Refused, Settings, judged, needed, refitted
+from .contenders import Contender, Refused, Settings, explains_less, judged, needed, refitted
 from .fit import Fit
 from .scan import Scanned, Tested, scan
 
@@ -81,10 +81,10 @@ def select(
        stop that comes late spoils less, and what shifts a jump (a sensor's delay) has a derivative.
     3. The most significant are refitted with all parameters from where they were tested down to the sample, and ranked
        by their evidence.
-    4. Those that are not told apart are judged by the evidence of the held-out trials. What stays within reach of the
-       winner and acts the same way is reported as alike, the more usual effect first.
+    4. Those that are not told apart are judged by the evidence of the held-out trials, the more usual effect first.
     5. The winner is kept if fitted and held-out trials both speak for it and a mechanism can have it; what it makes
-       superfluous is taken out; and again from 2.
+       superfluous is taken out. Rivals of which its evidence does not tell it for certain, and that have nothing left
+       to explain beside it, are reported as alike; and again from 2.
     6. What is left is judged by :func:`frictionpinn.diagnose.verdict.judge`.
 
     Args:
@@ -117,17 +117,22 @@ def select(
                 asked += [(t, width, group) for t, group in heads if t.candidate.name not in known]
         if not asked:
             break
-        winner, alike, refused = judged(bench, before, refitted(bench, before, asked, settings), asked, settings)
+        winner, rivals, refused = judged(bench, before, refitted(bench, before, asked, settings), asked, settings)
         selection.refused |= {r.candidate.name: r for r in refused}
         if winner is None:
             break
         saved = replace(selection, accepted=list(selection.accepted), fits=dict(selection.fits))
-        selection.accepted.append(_accepted(bench, options, before, winner, alike))
+        selection.accepted.append(Accepted(winner.tested.candidate, winner.tested, _evidence(before, winner)))
         selection.fit = bench.settle(winner.fit)
         dropped = _drop(bench, selection, settings)
         selection.last = tested(selection.fit, selection.accepted)
         if why := _impossible(bench, selection):
             selection, dropped = saved, [Refused(winner.tested.candidate, why)]
+        elif selection.accepted and (own := selection.accepted[-1]).candidate is winner.tested.candidate:
+            beside = {t.candidate.name for t in selection.last.tested if t.log_p < chance}
+            dropped += [explains_less(c, winner) for c in rivals if c.tested.candidate.name in beside]
+            alike = [c for c in rivals if c.tested.candidate.name not in beside]
+            selection.accepted[-1] = replace(own, alike=_alike(bench, options, winner, alike))
         selection.refused |= {r.candidate.name: r for r in dropped}
         banned |= {r.candidate.name for r in dropped}
         if selection.accepted:
@@ -158,26 +163,27 @@ def _cosine(one: Tested, other: Tested) -> float:
     return abs(float(one.trace @ other.trace)) if len(one.trace) == len(other.trace) else 0.0
 
 
-def _accepted(
-    bench: Bench, options: Sequence[Candidate], before: Fit, winner: Contender, alike: Sequence[Contender]
-) -> Accepted:
-    """The winner with what is alike: fits that are about as good, and what is the same by definition."""
+def _evidence(before: Fit, winner: Contender) -> dict[str, float]:
+    """What speaks for the winner: its score test, and what fitted and held-out trials gain."""
     told = np.nan if winner.tested.untested else 1.0
     evidence = {
         "statistic": told * winner.tested.statistic, "log10_p": told * winner.tested.log_p,
         "gain_fitted": before.state.cost - winner.fit.state.cost,
     }  # fmt: skip
-    if winner.gain is not None:
-        evidence["gain_held_out"] = winner.gain
+    return evidence if winner.gain is None else evidence | {"gain_held_out": winner.gain}
+
+
+def _alike(
+    bench: Bench, options: Sequence[Candidate], winner: Contender, alike: Sequence[Contender]
+) -> tuple[tuple[Candidate, dict[str, float]], ...]:
+    """What is alike, with its strengths: fits that are about as good, and what is the same by definition."""
     others = [(c.tested.candidate, {n: c.fit.values[n] for n in c.tested.candidate.strengths}) for c in alike]
     same = _equivalents(bench, winner.tested.candidate, winner.fit.values)
     listed = {candidate.name for candidate, _ in others}
-    others += [
+    return (*others, *(
         (c, {n: same[n] for n in c.strengths})
-        for c in options
-        if same.keys() >= {*c.strengths} and c.name not in listed
-    ]
-    return Accepted(winner.tested.candidate, winner.tested, evidence, tuple(others))
+        for c in options if same.keys() >= {*c.strengths} and c.name not in listed
+    ))  # fmt: skip
 
 
 def _equivalents(bench: Bench, winner: Candidate, values: Mapping[str, float]) -> dict[str, float]:
