@@ -203,7 +203,8 @@ def _best_start(model: Model, k: int, trials: Sequence[Prepared], first: Solutio
     table = model.parameters(k)
     plain = {par.name: full for full, par in table.items()}
     fastest = max(float(np.abs(trial.v[:, k]).max()) for trial in trials)
-    level = max(first.model.values[plain["mu_c"]], 1e-3)
+    # A wide Stribeck curve may have taken all of the Coulomb friction.
+    level = max(1e-3, *(first.model.values[plain[n]] for n in ("mu_c", "mu_s") if n in plain))
     speeds = [s * fastest for s in STRIBECK] if "v_s" in plain and plain["v_s"] in model.free else [None]
     lengths = BRISTLE if "sigma_0" in plain and plain["sigma_0"] in model.free else [None]
     dithers = [s * fastest for s in SEEN] if DITHER in plain and plain[DITHER] in model.free else [None]
