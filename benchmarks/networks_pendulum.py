@@ -1,0 +1,84 @@
+"""Why a network with memory is off on the measured pendulum's raw tail: its loss beside that of known friction.
+
+    FRICTIONPINN_DATA=... python benchmarks/networks_pendulum.py [--epochs 600]
+
+The network chosen in benchmarks/networks_measured.py is trained on the training runs. Then maximum likelihood over
+windows of 4 s on the same runs gives Coulomb + drag and viscous + drag friction; each stands in the network's place
+(the same bristle, its sliding force and the rest set), and the network's own loss is evaluated: residuals of the
+velocity over half swings. Beside it free runs of 4 s from the measured state, of the training runs and the raw tail.
+Writes benchmarks/results/networks_pendulum.txt.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from networks_measured import FROM_ANGLE, MOTION, ROLLOUT_S, plain_pendulum, rollout_error, trained
+from omegaconf import OmegaConf
+
+from frictionpinn.data.sets import FIT, HELD_OUT, load_public
+from frictionpinn.identify import maximum_likelihood
+from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULT = ROOT / "benchmarks" / "results" / "networks_pendulum.txt"
+NAME = "multiarm_pendulum"
+
+
+def known(free: tuple[str, ...], fixed: dict[str, float]) -> dict[str, float]:
+    """Friction of the pendulum by maximum likelihood on the training runs."""
+    config: Any = OmegaConf.to_container(OmegaConf.load(ROOT / "conf" / "data" / f"{NAME}.yaml"))
+    mechanism = Mechanism(SYSTEMS["pendulum"](**config["system"]["parameters"]), LAWS["coulomb_viscous"](), ("drag",))
+    recording = load_public(NAME).select(FIT[NAME])
+    return maximum_likelihood(mechanism, recording, free=("J", *free), fixed=fixed, windows=ROLLOUT_S).values
+
+
+def stands_in(model: Any, p: dict[str, float]) -> Any:
+    """Tables of the model's bristle in which mu_c N slides, and sigma_2 + drag |v| is left beside it."""
+    T, rows, told = (x.detach() for x in type(model).tables(model))
+    speed = model.knots[:, 0].abs().reshape(T.shape[1:])
+    return (
+        torch.stack([torch.full_like(T[0], p["mu_c"]) / rows[0, 0], p["sigma_2"] + p["drag"] * speed]),
+        rows,
+        0 * told,
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--epochs", type=int, default=600)
+    epochs = parser.parse_args().epochs
+    torch.set_num_threads(1)
+    options = ["model=bb1", "model.state.elements=1", MOTION, FROM_ANGLE,
+               f"system.parameters.J={plain_pendulum(FIT[NAME])['J']}"]  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        system, model, data, _ = trained(NAME, options, list(HELD_OUT[NAME]), epochs, Path(folder) / "run")
+    arrays = [model.arrays(trial, "offline") for trial in data.select("train")]
+    batch = {key: torch.from_numpy(np.concatenate([own[key] for own in arrays])) for key in arrays[0]}
+    lines = [f"bb1 with one bristle through the motion, {epochs} steps; free runs of 4 s, mrad",
+             f"{'':22} {'half its loss':>13}  {'training runs':>13}  {'raw tail':>8}"]  # fmt: skip
+
+    def add(title: str) -> None:
+        with torch.no_grad():
+            half = 0.5 * len(batch["v"]) * float(model.losses(batch)["slip"])
+        runs = rollout_error(model, system, data.select("train")), rollout_error(model, system, [data.by_name["raw"]])
+        lines.append(f"{title:22} {half:13.0f}  {runs[0]:13.2f}  {runs[1]:8.2f}")
+        print(lines[-1], flush=True)
+
+    add("network")
+    for title, free, fixed in (("Coulomb + drag", ("mu_c", "drag"), {"sigma_2": 0.0}),
+                               ("viscous + drag", ("sigma_2", "drag"), {"mu_c": 1e-6})):  # fmt: skip
+        tables = stands_in(model, known(free, fixed) | fixed)
+        model.tables = lambda tables=tables: tables
+        add(title)
+    RESULT.write_text("\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()
