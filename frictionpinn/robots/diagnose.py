@@ -6,7 +6,8 @@
 3. At each joint keep the best by its log-likelihood, a parameter's price taken off, if it is significant, if it is
    worth a share of the joint's friction, and if cross-validation by stretches of time confirms it: what a term takes
    off stretches that its fit did not see. A term on the robot stands against those of all joints that it would change.
-   Where nothing is, terms that a law's bristle may have been bent to are tested anew at fits with them.
+   Where nothing is, terms that a law's bristle may have been bent to are tested anew at fits with them. Where a
+   Stribeck curve is as wide as the motion, it stands in for something: all are tested beside narrow ones, too.
 4. Refit all parameters together with what was kept, and begin again at 2, until nothing is kept.
 5. Drop what the others made superfluous.
 6. Verdict of each joint: what was added, and whether what is left, as a function of one variable, matters.
@@ -23,11 +24,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.stats import norm
 
 from ..diagnose.verdict import FOUND, NOTHING, PARTLY, UNEXPLAINED
 from .balance import Model, Solution, solve
 from .candidates import AT_JOINTS, ON_ROBOT, Term, at_joint, on_robot, remainders
-from .identify import begun_anew, identify, relative_errors
+from .identify import begun_anew, identify, narrowed, relative_errors
 from .motion import Prepared
 from .score import Confirmed, Scored, Scorer
 from .whole import joint_of
@@ -171,19 +173,15 @@ def diagnose(
     accepted: list[Accepted] = []
     refused: dict[str, str] = {}
     for _ in range(settings.most):
-        tried, count = score_all(solution, settings, refused, [a.term for a in accepted])
-        kept = _best(solution, tried, count, settings, refused)
-        if not kept:
-            kept = _best(solution, score_where_wanted(solution, tried, settings), count, settings, refused)
-        if not kept:
+        ways = [_round(solution, (), accepted, settings, refused)]
+        narrow, wide = narrowed(solution)
+        if wide:
+            ways.append(_round(narrow, wide, accepted, settings, {}))
+        grown = [(refit, kept) for refit, kept in filter(None, ways) if refit.cost < solution.cost]
+        if not grown:
             break
-        grown = solution.model
-        for a in kept:
-            grown = a.term.added(grown, a.tried.hidden, a.tried.scored.step)
-        refit = begun_anew(solve(grown.held_near(), fitted, solution.sigmas))
-        if not refit.cost < solution.cost:
-            break
-        solution, accepted = refit, [*accepted, *kept]
+        solution, kept = min(grown, key=lambda way: way[0].cost + sum(a.tried.price for a in way[1]))
+        accepted = [*accepted, *kept]
     solution, accepted = _needed(solution, accepted, refused, settings)
     for a in accepted:
         refused.pop(a.term.name, None)
@@ -209,6 +207,29 @@ def diagnose(
         settings,
         time.perf_counter() - began,
     )
+
+
+def _round(
+    solution: Solution, held: Sequence[str], accepted: Sequence[Accepted], settings: Settings, refused: dict[str, str]
+) -> tuple[Solution, list[Accepted]] | None:
+    """Terms that are added at a fit, and the fit with them, what was held at it free again; None where none is."""
+    tried, count = score_all(solution, settings, refused, [a.term for a in accepted])
+    freed = replace(solution, model=replace(solution.model, free=(*solution.model.free, *held)))
+    kept = _best(freed, tried, count, settings, refused)
+    if not kept and not held:
+        kept = _best(freed, score_where_wanted(solution, tried, settings), count, settings, refused)
+    if not kept:
+        return None
+    grown = freed.model
+    for a in kept:
+        grown = a.term.added(grown, a.tried.hidden, a.tried.scored.step)
+    refit = begun_anew(solve(grown.held_near(), solution.trials, solution.sigmas))
+    if held:  # what was told beside a law that did not fit must be told beside one that does
+        names = [n for a in kept for n in a.term.names(refit.model, hidden=False)]
+        sure = min(abs(refit.model.values[n]) / max(refit.errors[n], 1e-300) for n in names)
+        if (np.log(2 * max(count, 1)) + norm.logsf(sure)) / np.log(10) > settings.log_p:
+            return None
+    return refit, kept
 
 
 def frictions(solution: Solution) -> np.ndarray:

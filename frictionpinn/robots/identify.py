@@ -12,7 +12,8 @@ from itertools import product
 import numpy as np
 
 from ..errors import choose
-from ..physics import LAWS, FrictionLaw
+from ..physics import LAWS, FrictionLaw, beforehand
+from ..physics.base import at_contact
 from ..physics.effect import Effect
 from ..physics.effects import EFFECTS
 from ..physics.robot import Base, Robot
@@ -204,7 +205,8 @@ def _best_start(model: Model, k: int, trials: Sequence[Prepared], first: Solutio
     plain = {par.name: full for full, par in table.items()}
     fastest = max(float(np.abs(trial.v[:, k]).max()) for trial in trials)
     # A wide Stribeck curve may have taken all of the Coulomb friction.
-    level = max(1e-3, *(first.model.values[plain[n]] for n in ("mu_c", "mu_s") if n in plain))
+    told = [plain["mu_c"], *(n for n in [plain.get("mu_s")] if n in first.model.free)]
+    level = max(1e-3, *(first.model.values[n] for n in told))
     speeds = [s * fastest for s in STRIBECK] if "v_s" in plain and plain["v_s"] in model.free else [None]
     lengths = BRISTLE if "sigma_0" in plain and plain["sigma_0"] in model.free else [None]
     dithers = [s * fastest for s in SEEN] if DITHER in plain and plain[DITHER] in model.free else [None]
@@ -244,6 +246,23 @@ def _best_start(model: Model, k: int, trials: Sequence[Prepared], first: Solutio
     squares = [left(values) for values in starts]
     best = int(np.argmin(squares))
     return replace(model, values=starts[best]), squares[best] < left(model.values)
+
+
+def narrowed(solution: Solution) -> tuple[Solution, tuple[str, ...]]:
+    """The fit with every Stribeck velocity above the speed of its joint held where such velocities begin
+    (:mod:`..physics.beforehand`), and their names.
+
+    A Stribeck curve as wide as the motion stands in for any friction that bends over velocity.
+    """
+    model, trials, wide = solution.model, list(solution.trials), []
+    for k, joint in enumerate(model.names):
+        speed = float(np.sqrt(np.mean(np.concatenate([trial.v[:, k] for trial in trials]) ** 2)))
+        if (name := at_contact(joint, "v_s")) in model.free and model.values[name] > speed:
+            wide.append(name)
+            held = {**model.values, name: beforehand.STRIBECK * speed}
+            model = replace(model, values=held, free=tuple(n for n in model.free if n != name))
+            model, _ = _best_start(model, k, trials, solution)
+    return (solve(model, trials, solution.sigmas) if wide else solution), tuple(wide)
 
 
 def relative_errors(model: Model, trials: Sequence[Prepared]) -> dict[str, np.ndarray]:
