@@ -41,6 +41,7 @@ from frictionpinn.workflow.train import train
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "networks_measured.txt"
 SYSTEM = {"brfd": "damper", "emps": "drive", "multiarm_pendulum": "pendulum"}
+MEASURED = {"brfd": "damper", "emps": "emps", "multiarm_pendulum": "pendulum"}  # as diagnose_measured.txt calls them
 VALIDATION = {"brfd": "0.5Hz_30lb_1in", "emps": "", "multiarm_pendulum": "id_4"}  # the drive has one training run
 MOTION = "model.loss.through=motion"
 GAPS = "model.state.gaps=true"
@@ -100,12 +101,15 @@ def rollout_error(model: Any, system: System, trials: Sequence[ContactTrial]) ->
     return 1e3 * float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
-def plain_pendulum(names: Sequence[str]) -> dict[str, float]:
-    """Inertia, Coulomb and viscous friction of the pendulum, by maximum likelihood on training runs."""
+def plain_pendulum(
+    names: Sequence[str], free: Sequence[str] = ("mu_c", "sigma_2"), effects: tuple[str, ...] = (), **fixed: float
+) -> dict[str, float]:
+    """Inertia and friction of the pendulum, Coulomb and viscous unless said, by maximum likelihood on training runs."""
     config: Any = OmegaConf.to_container(OmegaConf.load(ROOT / "conf" / "data" / "multiarm_pendulum.yaml"))
-    mechanism = Mechanism(SYSTEMS["pendulum"](**config["system"]["parameters"]), LAWS["coulomb_viscous"]())
+    mechanism = Mechanism(SYSTEMS["pendulum"](**config["system"]["parameters"]), LAWS["coulomb_viscous"](), effects)
     recording = load_public("multiarm_pendulum").select(names)
-    return maximum_likelihood(mechanism, recording, free=("J", "mu_c", "sigma_2"), fixed={}, windows=ROLLOUT_S).values
+    found = maximum_likelihood(mechanism, recording, free=("J", *free), fixed=fixed, windows=ROLLOUT_S)
+    return found.values | fixed
 
 
 class PlainPendulum:
@@ -157,7 +161,7 @@ def scored(name: str, epochs: int) -> list[str]:
         else:
             beside = rollout_error(PlainPendulum(plain), system, trials)
         lines.append(f"  Coulomb + viscous fit: held out {beside:.2f} {unit}")
-    return [f"{name}: diagnosed model held out {diagnosed(SYSTEM[name].replace('drive', 'emps'))}", *lines]
+    return [f"{name}: diagnosed model held out {diagnosed(MEASURED[name])}", *lines]
 
 
 def main() -> None:

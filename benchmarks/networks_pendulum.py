@@ -18,25 +18,13 @@ from typing import Any
 
 import numpy as np
 import torch
-from networks_measured import FROM_ANGLE, MOTION, ROLLOUT_S, plain_pendulum, rollout_error, trained
-from omegaconf import OmegaConf
+from networks_measured import FROM_ANGLE, MOTION, plain_pendulum, rollout_error, trained
 
-from frictionpinn.data.sets import FIT, HELD_OUT, load_public
-from frictionpinn.identify import maximum_likelihood
-from frictionpinn.physics import LAWS, SYSTEMS
-from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.data.sets import FIT, HELD_OUT
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "networks_pendulum.txt"
 NAME = "multiarm_pendulum"
-
-
-def known(free: tuple[str, ...], fixed: dict[str, float]) -> dict[str, float]:
-    """Friction of the pendulum by maximum likelihood on the training runs."""
-    config: Any = OmegaConf.to_container(OmegaConf.load(ROOT / "conf" / "data" / f"{NAME}.yaml"))
-    mechanism = Mechanism(SYSTEMS["pendulum"](**config["system"]["parameters"]), LAWS["coulomb_viscous"](), ("drag",))
-    recording = load_public(NAME).select(FIT[NAME])
-    return maximum_likelihood(mechanism, recording, free=("J", *free), fixed=fixed, windows=ROLLOUT_S).values
 
 
 def stands_in(model: Any, p: dict[str, float]) -> Any:
@@ -74,7 +62,7 @@ def main() -> None:
     add("network")
     for title, free, fixed in (("Coulomb + drag", ("mu_c", "drag"), {"sigma_2": 0.0}),
                                ("viscous + drag", ("sigma_2", "drag"), {"mu_c": 1e-6})):  # fmt: skip
-        tables = stands_in(model, known(free, fixed) | fixed)
+        tables = stands_in(model, plain_pendulum(FIT[NAME], free, ("drag",), **fixed))
         model.tables = lambda tables=tables: tables
         add(title)
     RESULT.write_text("\n".join(lines) + "\n")

@@ -175,12 +175,15 @@ def diagnose(
     for _ in range(settings.most):
         ways = [_round(solution, (), accepted, settings, refused)]
         narrow, wide = narrowed(solution)
+        there: dict[str, str] = {}
         if wide:
-            ways.append(_round(narrow, wide, accepted, settings, {}))
-        grown = [(refit, kept) for refit, kept in filter(None, ways) if refit.cost < solution.cost]
+            ways.append(_round(narrow, wide, accepted, settings, there))
+        grown = [way for way in ways if way is not None and way[0].cost < solution.cost]
         if not grown:
             break
-        solution, kept = min(grown, key=lambda way: way[0].cost + sum(a.tried.price for a in way[1]))
+        best = min(grown, key=lambda way: way[0].cost + sum(a.tried.price for a in way[1]))
+        refused |= there if best is not ways[0] else {}
+        solution, kept = best
         accepted = [*accepted, *kept]
     solution, accepted = _needed(solution, accepted, refused, settings)
     for a in accepted:
