@@ -20,6 +20,7 @@ from frictionpinn.robots.identify import (
     identify,
     independent_armatures,
     joint_effect,
+    narrowed,
     relative_errors,
 )
 from frictionpinn.robots.motion import cutoff, fitted_smoothers, prepare
@@ -185,6 +186,18 @@ def test_a_search_that_ended_far_off_begins_anew(robot):
     assert astray.cost > right.cost + 10
     assert begun_anew(astray).cost < right.cost + 1
     assert begun_anew(right) is right
+
+
+def test_a_stribeck_curve_as_wide_as_the_motion_is_held_narrow_and_its_coulomb_friction_comes_back(robot):
+    base, trials = ready(robot, recorded(robot))
+    right = identify(declare(robot, base, LAWS["stribeck"]()), trials)
+    dry = {"joint_2.mu_s": right.model.values["joint_2.mu_c"], "joint_2.mu_c": 1e-6, "joint_2.v_s": 50.0}
+    wide = replace(right, model=right.model.with_values(**dry))
+    narrow, names = narrowed(wide)
+    assert names == ("joint_2.v_s",) and names[0] not in narrow.model.free
+    assert narrow.model.values["joint_2.v_s"] < 0.1
+    assert narrow.model.values["joint_2.mu_c"] == pytest.approx(right.model.values["joint_2.mu_c"], rel=0.1)
+    assert narrowed(narrow) == (narrow, ())
 
 
 def test_no_channel_is_ahead_of_the_torque_that_it_shows(robot):
