@@ -17,9 +17,10 @@ from ..evaluate.style import INK, readable
 from ..physics.base import at_contact, plain_name
 from ..robots.balance import Model
 from ..robots.candidates import Term
-from ..robots.diagnose import ROBOT, Accepted, Rest, RobotDiagnosis
+from ..robots.diagnose import ROBOT, Rest, RobotDiagnosis
 from ..robots.identify import joint_effect
 from ..robots.motion import Prepared
+from ..robots.rounds import Accepted
 from ..show import LOOKS, readable_unit
 from .words import number, span
 

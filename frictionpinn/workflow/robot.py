@@ -22,12 +22,12 @@ from ..report.robot import draw, headline, in_text, rows, write_page
 from ..robots.balance import Model, Solution, as_text
 from ..robots.candidates import AT_JOINTS, ON_ROBOT
 from ..robots.check import inspect_robot
-from ..robots.diagnose import Settings
 from ..robots.diagnose import diagnose as run_diagnosis
 from ..robots.identify import declare, joint_effect, relative_errors
 from ..robots.identify import identify as run_identification
 from ..robots.motion import Prepared, prepare
 from ..robots.recording import TORQUE_AT, joint_names, read_robot, robot_units
+from ..robots.rounds import Settings
 from ..show import readable_unit
 from .build import Config, mapping
 from .configs import called

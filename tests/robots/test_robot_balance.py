@@ -13,7 +13,7 @@ from frictionpinn.physics import LAWS
 from frictionpinn.physics.robot import Base, Robot
 from frictionpinn.robots.balance import friction_of, solve
 from frictionpinn.robots.check import inspect_robot
-from frictionpinn.robots.diagnose import Settings, diagnose
+from frictionpinn.robots.diagnose import diagnose
 from frictionpinn.robots.identify import (
     begun_anew,
     declare,
@@ -24,6 +24,7 @@ from frictionpinn.robots.identify import (
     relative_errors,
 )
 from frictionpinn.robots.motion import cutoff, fitted_smoothers, prepare
+from frictionpinn.robots.rounds import Settings
 
 MU, VISCOUS = np.array([6.0, 8.0, 4.0]), np.array([3.0, 5.0, 2.0])
 ARMATURE = np.array([0.0, 0.0, 0.2])  # those of the first two joints are among their bodies' base parameters
