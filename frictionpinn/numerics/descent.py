@@ -15,7 +15,9 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.linalg.lapack import dposv
 from scipy.optimize import lsq_linear
 
+from .jumps import Jump
 from .simulate import Simulation
+from .stops import past_stops
 
 LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
 FAINT = 0.01  # added to the curvature in log u: that of an unknown told to ten powers of e, which tells nothing
@@ -24,6 +26,7 @@ STUCK, MOST_REJECTED = 1e12, 8  # damping beyond which no step will help; reject
 TRUSTED = 0.75, 1.5  # decrease over that predicted
 SMALL = 5.0  # times the decrease asked for: two steps in a row that gain less end the search (the cost has kinks)
 SAME_MINIMUM = 0.2  # log-likelihood: a point that is as near to a minimum as that lies in it
+MOVES = 50  # times at most are stops moved, a budget: each gains that much in a trial
 ROUGHLY: dict[str, Any] = {"iterations": 20, "decrease": 0.1}  # of a search at a coarse resolution
 CLOSELY: dict[str, Any] = {"iterations": 20, "decrease": 0.03}  # at the sample; noise levels are refined afterwards
 
@@ -44,6 +47,8 @@ class Piece:
         steps: that the integrator took for it.
         rows: with derivatives, number of residuals of the outputs at their resolution, in units of their noise the sum
             of their squares, and of the products of neighbours.
+        jumps, smooth: with derivatives, at the sample: where what is simulated jumps, and ``ll`` and ``grad_l``
+            without the samples beside.
     """
 
     cost: float
@@ -56,6 +61,8 @@ class Piece:
     run: Simulation | None = field(default=None, repr=False)
     steps: int = 0
     rows: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    jumps: tuple[Jump, ...] = ()
+    smooth: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @dataclass(frozen=True)
@@ -202,7 +209,22 @@ def _step(
     return du, dl, decrease
 
 
-def levenberg_marquardt(
+def levenberg_marquardt(evaluate: Evaluate, start: State, limits: Limits, **options: Any) -> Solution:
+    """Minimise the cost within bounds on the global unknowns, and go on where stops can be moved to gain.
+
+    Each time the descent ends (:func:`_descended`, which has the ``options``), stops are moved by whole samples
+    (:func:`.stops.past_stops`).
+    """
+    found = _descended(evaluate, start, limits, **options)
+    for _ in range(MOVES):
+        moved = None if found.reason == KNOWN else past_stops(evaluate, found.state, SAME_MINIMUM)
+        if moved is None:
+            break
+        found = _descended(evaluate, moved, limits, **options)
+    return found
+
+
+def _descended(
     evaluate: Evaluate,
     start: State,
     limits: Limits,

@@ -1,0 +1,80 @@
+"""Stops moved by whole samples: the walls of a likelihood whose motion has jumps.
+
+A stop that comes a sample late costs the whole jump of the acceleration there, and no derivative tells: the cost is
+smooth between two samples, and has a wall at each. How well the rest of a trial tells the time of a stop is known, and
+what the samples cost that it would pass, too: where these promise to gain, the trial's own unknowns are moved the
+cheapest way that shifts the stops so far,
+
+    dx = C G' (G C G')^-1 d,
+
+with C their covariance, the samples beside the jumps left out, G the derivatives of the stops' times and d the shifts.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg.lapack import dposv
+
+if TYPE_CHECKING:
+    from .descent import Evaluate, Piece, State
+
+REACH = 4.0  # standard errors of a stop's time by which it is moved
+LEAST = 0.1  # samples: where a stop's time is told better than that, no sample that it passes outweighs what moves it
+ROUNDS = 50  # in which the shifts of a trial's stops are chosen beside one another, a budget
+
+
+def past_stops(evaluate: Evaluate, at: State, least: float) -> State | None:
+    """The state with stops of every trial moved that can gain by it, as simulated; None where none can.
+
+    Args:
+        evaluate: the cost.
+        at: with derivatives.
+        least: gain of a trial in log-likelihood that counts.
+    """
+    ways = [_ways(piece, least) for piece in at.pieces]
+    best, locals_ = list(at.pieces), list(at.locals)
+    for k in range(max(map(len, ways), default=0)):
+        own = [x + way[k] if k < len(way) else x for x, way in zip(at.locals, ways, strict=True)]
+        there = evaluate(at.u, own, False)
+        for i, piece in enumerate(there.pieces if there else ()):
+            if piece.cost < best[i].cost - least:
+                best[i], locals_[i], ways[i] = piece, own[i], []
+    if all(x is old for x, old in zip(locals_, at.locals, strict=True)):
+        return None
+    return evaluate(at.u, locals_, True)
+
+
+def _ways(piece: Piece, least: float) -> list[np.ndarray]:
+    """Changes of a trial's own unknowns that promise to gain, the best first: all stops moved, and each alone."""
+    if not piece.jumps or piece.smooth is None:
+        return []
+    information, gradient = piece.smooth
+    scale = 1 / np.sqrt(np.maximum(information.diagonal(), np.finfo(float).tiny))
+    G = np.stack([jump.slopes for jump in piece.jumps])
+    X, fault = dposv(information * scale[:, None] * scale, (G * scale).T)[1:]
+    if fault or not np.isfinite(X).all():
+        return []
+    X = X * scale[:, None]  # C G'
+    open_ = np.sum(G.T * X, axis=0) > LEAST**2
+    jumps, G, X = [jump for jump, o in zip(piece.jumps, open_, strict=True) if o], G[open_], X[:, open_]
+    if not jumps:
+        return []
+    V, b = G @ X, gradient @ X
+    tables = [jump.costs(int(REACH * v**0.5) + 1) for jump, v in zip(jumps, V.diagonal(), strict=True)]
+    found = []
+    for k, (shifts, costs) in enumerate(tables):
+        costs = costs + (b[k] * shifts + shifts**2 / 2) / V[k, k]
+        found.append((costs.min(), X[:, k] * shifts[np.argmin(costs)] / V[k, k]))
+    S, d = np.linalg.pinv(V), np.zeros(len(jumps))
+    for _ in range(ROUNDS):
+        before = d.copy()
+        for k, (shifts, costs) in enumerate(tables):
+            pull = S[k] @ (b + d) - S[k, k] * d[k]
+            d[k] = shifts[np.argmin(costs + S[k, k] * shifts**2 / 2 + pull * shifts)]
+        if np.all(d == before):
+            break
+    cost = sum(float(costs[shifts == x][0]) for (shifts, costs), x in zip(tables, d, strict=True))
+    found.append((cost + (b + d / 2) @ S @ d, X @ (S @ d)))
+    return [step for gain, step in sorted(found, key=lambda pair: pair[0]) if gain < -least]

@@ -1,0 +1,72 @@
+"""Stops that a search moves by whole samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from frictionpinn.data.simulated import simulate_trials
+from frictionpinn.identify import Problem
+from frictionpinn.numerics.descent import SAME_MINIMUM, Piece, State, levenberg_marquardt
+from frictionpinn.numerics.jumps import Jump
+from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_stops_end_where_samples_and_all_the_rest_of_each_trial_want_them(seed):
+    # A trial's own unknown is when it stops, in samples: told to +- ``sure`` by all else, and by the samples it passes.
+    rng, n, true = np.random.default_rng(seed), 120, 60.5
+    height, sure, trials = rng.uniform(2, 5), rng.uniform(2, 12), int(rng.integers(1, 4))
+    told = rng.normal(true, sure, trials).clip(20, 100)
+    y = np.where(np.arange(n) < true, height, 0.0) + rng.standard_normal((trials, n))
+
+    def cost(k: int, time: float) -> float:
+        return 0.5 * float(
+            np.sum((np.where(np.arange(n) < time, height, 0.0) - y[k]) ** 2) + ((time - told[k]) / sure) ** 2
+        )
+
+    def evaluate(u, locals_, derivatives, **_):
+        pieces, one, none = [], np.eye(1), np.zeros((1, 1))
+        for k, (time,) in enumerate(locals_):
+            model, curve = np.where(np.arange(n) < time, height, 0.0), one / sure**2
+            jump = Jump(model, model - y[k], int(np.ceil(time)) - 1, np.ones(1))
+            slopes = 1e3 * u, np.array([time - told[k]]) / sure**2
+            pieces.append(Piece(cost(k, time) + 500 * float(u[0]) ** 2, {}, 1e3 * one, none, curve, *slopes,
+                                rows=(1.0, 1.0, 0.0), jumps=(jump,), smooth=(curve, slopes[1])))  # fmt: skip
+        return State(np.asarray(u, float), tuple(locals_), tuple(pieces))
+
+    first = evaluate(np.ones(1), [np.array([x]) for x in told], True)
+    found = levenberg_marquardt(evaluate, first, (np.array([-9.0]), np.array([9.0]))).state
+    for k, piece in enumerate(found.pieces):
+        lowest = min(cost(k, time) for time in np.arange(15.0, 105.0, 0.25))
+        assert piece.cost < lowest + SAME_MINIMUM + 0.3  # how far between two samples is left to the descent
+    assert found.u[0] == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("system", "law", "truth", "trial"),
+    [
+        ("drive", "coulomb_viscous", {"mu_c": 3.0, "sigma_2": 2.0}, {"force": "6*sin(5*t)"}),
+        ("pendulum", "coulomb", {"mu_c": 0.4}, {"tau": "1.5*sin(4.3*t)", "initial": {"theta": 2.0}}),
+    ],
+)
+def test_the_derivative_of_a_stops_time_moves_it_by_as_many_samples(system, law, truth, trial):
+    mechanism = Mechanism(SYSTEMS[system](), LAWS[law]())
+    recording = simulate_trials(mechanism, truth, [{"duration": 2.0, **trial}], 2000.0)
+    levels = dict.fromkeys(recording.trials[0].signals, 0.1)
+    problem = Problem(
+        mechanism, recording, free=("mu_c",), fixed={k: truth[k] for k in truth if k != "mu_c"}, sigmas=levels
+    )
+    u = problem.space.to_search({"mu_c": truth["mu_c"]})
+    models = problem.models_at(u)
+    evaluate = problem.evaluator(models)
+    at = evaluate(u, (models[0].local,), True)
+    assert at.pieces[0].jumps
+    for jump in at.pieces[0].jumps:
+        for shift in (-6, 6):
+            H = np.linalg.inv(at.pieces[0].smooth[0])
+            step = H @ jump.slopes * shift / (jump.slopes @ H @ jump.slopes)
+            moved = evaluate(u, (models[0].local + step,), True)
+            nearest = min((other.at for other in moved.pieces[0].jumps), key=lambda k: abs(k - jump.at - shift))
+            assert abs(nearest - jump.at - shift) <= 1
