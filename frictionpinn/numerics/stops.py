@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 REACH = 4.0  # standard errors of a stop's time by which it is moved
 LEAST = 0.1  # samples: where a stop's time is told better than that, no sample that it passes outweighs what moves it
+SHARES = (1.0, 0.75, 0.5)  # of such a change that are tried: what nearly stops goes farther than its derivatives say
 ROUNDS = 50  # in which the shifts of a trial's stops are chosen beside one another, a budget
 
 
@@ -33,7 +34,7 @@ def past_stops(evaluate: Evaluate, at: State, least: float) -> State | None:
         at: with derivatives.
         least: gain of a trial in log-likelihood that counts.
     """
-    ways = [_ways(piece, least) for piece in at.pieces]
+    ways = [[share * way for way in _ways(piece, least) for share in SHARES] for piece in at.pieces]
     best, locals_ = list(at.pieces), list(at.locals)
     for k in range(max(map(len, ways), default=0)):
         own = [x + way[k] if k < len(way) else x for x, way in zip(at.locals, ways, strict=True)]
