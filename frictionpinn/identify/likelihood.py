@@ -11,10 +11,10 @@ acceleration, and a small change of the parameters changes nothing (laws without
 2. where that leaves what is not white, the same from other starts, before that from a coarse resolution in time to the
    sample: a design over what the sliding samples do not tell and a grid over what moves together, those that fit best
    held by the shortest tether (:func:`_elsewhere`);
-3. around what was found by ways that show other minima of the parameters (:func:`minima_around`). Trials share the
-   parameters alone: the likelihood has its minima trial by trial: hardly any search ends in the lowest of every trial,
-   but among a few each trial has been there, and they are put together
-   (:func:`frictionpinn.numerics.descent.assembled`).
+3. around what was found, in each trial's own unknowns (:func:`lowest_of_trials`) and by ways that show other minima of
+   the parameters (:func:`minima_around`). Trials share the parameters alone: the likelihood has its minima trial by
+   trial: hardly any search ends in the lowest of every trial, but among a few each trial has been there, and they are
+   put together (:func:`frictionpinn.numerics.descent.assembled`).
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ from ..numerics.descent import (
     reduced,
     same_minimum,
 )
+from ..numerics.minima import AT_ONCE, KICKS, lowest_of_trials
 from ..numerics.parallel import in_parallel
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.base import plain_name
@@ -53,8 +54,6 @@ from .tether import Found, Path, followed, lowest, tethered
 from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours
 
-KICKS = tuple(np.geomspace(12.0, 1.0, 8))  # standard errors to where searches for other minima begin
-AT_ONCE = 2  # of these: not the number of cores, on which no result may depend
 BEST = 2  # of the points of a design, and of a grid: these are followed
 # Times the stiffness of the fit: a ring that lasts k periods fits one off as well, at (1 -+ 1/k)^2; k is 3 to 6.
 STIFFNESSES = (0.5, 2.0, 0.7, 1.4)
@@ -133,11 +132,12 @@ def minima_around(
 ) -> list[Solution]:
     """Minima around one that was found, lowest first: the first one is put together from each trial's best.
 
-    Searches begin many and a few standard errors away, in directions drawn at random from what the data leave open:
-    when a body stops and breaks away differs there. A contact rings, which resolutions next to the sample do not blur:
-    with a bristle, other stiffnesses are followed from the next one. And what begins at rest may slide either way at
-    once (:func:`beginnings`). Each way begins with its farthest searches and ends where a pair of them comes back: from
-    nearer by, more would.
+    It is first made the lowest that each trial's own unknowns allow (:func:`lowest_of_trials`), where a bristle makes
+    these rugged. Searches begin many and a few standard errors away, in directions drawn at random from what the data
+    leave open: when a body stops and breaks away differs there. A contact rings, which resolutions next to the sample
+    do not blur: with a bristle, other stiffnesses are followed from the next one. And what begins at rest may slide
+    either way at once (:func:`beginnings`). Each way begins with its farthest searches and ends where a pair of them
+    comes back: from nearer by, more would.
 
     Args:
         problem, evaluate: what is solved, and its cost.
@@ -145,6 +145,8 @@ def minima_around(
         others: where other searches for it ended, at whatever noise levels.
     """
     limits, widths = problem.space.limits, problem.resolutions
+    if problem.simulator.bristles:
+        found = lowest_of_trials(evaluate, found, limits, widths)
     values, vectors = np.linalg.eigh(reduced(found.state)[0])
     errors = vectors / np.sqrt(np.maximum(values, 1.0))  # what is hardly told is moved by a factor e
     directions = np.random.default_rng(0).standard_normal((len(KICKS), len(values)))

@@ -164,7 +164,8 @@ class TrialModel:
     ) -> tuple[list[Jump], np.ndarray]:
         """Where the measured accelerations jump in a simulation, and which samples are beside, shape (n_out, n), bool.
 
-        A body stops when its velocity comes to zero: the time of that changes by -dv / a.
+        A body stops when its velocity comes to zero: the time of that changes by -dv / a. None with a bristle, whose
+        force does not jump.
 
         Args:
             run, p, names: with sensitivities, at which parameters, and which of them are free.
@@ -172,7 +173,7 @@ class TrialModel:
         """
         found, near, interval = [], np.zeros(r.shape, bool), float(np.median(np.diff(self.t)))
         for _, velocity, signal in (c.signals for c in self.simulator.mechanism.free):
-            if signal not in self.outputs:
+            if signal not in self.outputs or self.simulator.bristles:
                 continue
             row = list(self.outputs).index(signal)
             v, a = run.signals[velocity], run.signals[signal]

@@ -23,17 +23,28 @@ if TYPE_CHECKING:
 REACH = 4.0  # standard errors of a stop's time by which it is moved
 LEAST = 0.1  # samples: where a stop's time is told better than that, no sample that it passes outweighs what moves it
 SHARES = (1.0, 0.75, 0.5)  # of such a change that are tried: what nearly stops goes farther than its derivatives say
-ROUNDS = 50  # in which the shifts of a trial's stops are chosen beside one another, a budget
+ROUNDS = 50  # of moves, and in which the shifts of a trial's stops are chosen beside one another: a budget
 
 
 def past_stops(evaluate: Evaluate, at: State, least: float) -> State | None:
-    """The state with stops of every trial moved that can gain by it, as simulated; None where none can.
+    """The state with stops of every trial moved as long as one gains by it, as simulated; None where none does.
 
     Args:
         evaluate: the cost.
         at: with derivatives.
         least: gain of a trial in log-likelihood that counts.
     """
+    found: State | None = None
+    for _ in range(ROUNDS):
+        moved = _moved(evaluate, found or at, least)
+        if moved is None:
+            break
+        found = moved
+    return found
+
+
+def _moved(evaluate: Evaluate, at: State, least: float) -> State | None:
+    """The state with those moved of every trial that gain most; None where none does."""
     ways = [[share * way for way in _ways(piece, least) for share in SHARES] for piece in at.pieces]
     best, locals_ = list(at.pieces), list(at.locals)
     for k in range(max(map(len, ways), default=0)):

@@ -28,6 +28,7 @@ from frictionpinn.numerics.descent import (
     levenberg_marquardt,
 )
 from frictionpinn.numerics.jumps import beside_jumps
+from frictionpinn.numerics.minima import lowest_of_trials
 from frictionpinn.numerics.resolution import averaged, samples_within
 from frictionpinn.numerics.whiteness import SIGNIFICANCE, whiteness
 from frictionpinn.physics import LAWS, SYSTEMS
@@ -266,6 +267,27 @@ def test_a_wall_that_holds_up_one_trial_holds_up_neither_the_parameters_nor_the_
     found = levenberg_marquardt(evaluate, first, (np.array([-9.0]), np.array([9.0]))).state
     assert found.u[0] == pytest.approx(told, abs=0.01)
     assert found.locals[0][0] <= 0 and found.locals[1][0] == pytest.approx(-1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("wrong", [(1, 0, 0), (0, -1, 1), (1, 1, -1)])
+def test_trials_that_ended_in_a_minimum_of_their_own_are_brought_to_lower_ones(wrong):
+    # Minima of each trial's own unknown lie 5 apart, each next one 2 higher in log-likelihood: stops a sample too late.
+    def evaluate(u, locals_, derivatives, **_):
+        pieces = []
+        for (x,) in locals_:
+            k = 2 * np.pi / 5
+            cost, slope = 2 * (1 - np.cos(k * x)) + 2 * (x / 5) ** 2, 2 * k * np.sin(k * x) + 4 * x / 25
+            cost += 50 * float(u[0] - 1) ** 2
+            gg, gl, ll = np.array([[100.0]]), np.zeros((1, 1)), np.array([[2 * k * k + 4 / 25]])
+            pieces.append(Piece(cost, {}, gg, gl, ll, 100 * (u - 1), np.array([slope]), rows=(1.0, 1.0, 0.0)))
+        return State(np.asarray(u, float), tuple(locals_), tuple(pieces))
+
+    limits = np.array([-9.0]), np.array([9.0])
+    first = evaluate(np.zeros(1), [np.array([5.0 * w]) for w in wrong], True)
+    found = levenberg_marquardt(evaluate, first, limits)
+    assert found.state.cost > 1.5 * np.count_nonzero(wrong)
+    best = lowest_of_trials(evaluate, found, limits, [0.0])
+    assert best.state.cost < found.state.cost - 1.5 and best.state.u[0] == pytest.approx(1.0, abs=0.01)
 
 
 def test_viscous_friction_gives_way_to_drag_along_a_straight_line():
