@@ -15,7 +15,8 @@ from ..errors import UserError
 from ..identify.likelihood import minima_around
 from ..identify.problem import Problem
 from ..identify.trial import TrialModel
-from ..numerics.descent import assembled, coarse_to_fine, reduced
+from ..numerics.descent import coarse_to_fine, reduced
+from ..numerics.minima import assembled
 from ..numerics.parallel import in_parallel
 from ..numerics.simulate import Simulation, Simulator, Values
 from ..physics.base import plain_name
@@ -198,7 +199,7 @@ class Bench:
             limits: of parameters beside their usual ones.
             widths: resolutions in time that are followed, s, the coarsest first.
             around: look for other minima around it.
-            offered: unknowns of the trials that other fits have, see :func:`frictionpinn.numerics.descent.assembled`.
+            offered: unknowns of the trials that other fits have, see :func:`frictionpinn.numerics.minima.assembled`.
             imitating: that what ``fit`` simulates had been measured, without noise: a start near its minimum.
         """
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)

@@ -10,7 +10,8 @@ import numpy as np
 from ..identify.likelihood import beginnings
 from ..identify.problem import Problem
 from ..identify.trial import TrialModel
-from ..numerics.descent import FAINT, Evaluate, Piece, State, assembled, carried, coarse_to_fine, reduced
+from ..numerics.descent import FAINT, Evaluate, Piece, State, coarse_to_fine, reduced
+from ..numerics.minima import assembled, carried
 from ..numerics.simulate import ContactLost, SimulationFailed
 from .bench import Bench
 from .fit import Fit

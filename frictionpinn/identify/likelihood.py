@@ -14,7 +14,7 @@ acceleration, and a small change of the parameters changes nothing (laws without
 3. around what was found, in each trial's own unknowns (:func:`lowest_of_trials`) and by ways that show other minima of
    the parameters (:func:`minima_around`). Trials share the parameters alone: the likelihood has its minima trial by
    trial: hardly any search ends in the lowest of every trial, but among a few each trial has been there, and they are
-   put together (:func:`frictionpinn.numerics.descent.assembled`).
+   put together (:func:`frictionpinn.numerics.minima.assembled`).
 """
 
 from __future__ import annotations
@@ -34,14 +34,12 @@ from ..numerics.descent import (
     Evaluate,
     Solution,
     State,
-    assembled,
-    carried,
     coarse_to_fine,
     levenberg_marquardt,
     reduced,
     same_minimum,
 )
-from ..numerics.minima import AT_ONCE, KICKS, lowest_of_trials
+from ..numerics.minima import AT_ONCE, KICKS, assembled, carried, lowest_of_trials
 from ..numerics.parallel import in_parallel
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.base import plain_name

@@ -5,7 +5,7 @@ By Levenberg and Marquardt's method; where it is rugged from a coarse resolution
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -326,41 +326,6 @@ def coarse_to_fine(
         found = None if begun is None else levenberg_marquardt(at, begun, limits, damping=damping, **how)
         state = state if found is None else found.state
     return found
-
-
-def carried(states: Iterable[State], u: np.ndarray, limits: Limits) -> Iterator[list[np.ndarray]]:
-    """The own unknowns of every trial at minima, as their quadratic models move them to other global ones."""
-    for state in states:
-        try:
-            locals_ = moved(state, u - state.u, limits, longest=np.inf)[1]
-        except np.linalg.LinAlgError:
-            continue
-        yield locals_
-
-
-def assembled(evaluate: Evaluate, found: Solution, offered: Iterable[Sequence[np.ndarray]], limits: Limits) -> Solution:
-    """A minimum, or a lower one that begins with each trial's own unknowns from where that trial fits best.
-
-    Trials share the global unknowns alone: a rugged likelihood has its minima trial by trial, and where searches that
-    ended elsewhere are each better in another trial, none of them is the lowest.
-
-    Args:
-        evaluate: the cost.
-        found: the minimum.
-        offered: local unknowns of every trial as other searches have them, at the minimum's global ones.
-        limits: bounds of u.
-    """
-    best, locals_ = list(found.state.pieces), list(found.state.locals)
-    for own in offered:
-        there = evaluate(found.state.u, own, False)
-        for k, piece in enumerate(there.pieces if there else ()):
-            if piece.cost < best[k].cost:
-                best[k], locals_[k] = piece, own[k]
-    if all(one is other for one, other in zip(locals_, found.state.locals, strict=True)):
-        return found
-    first = evaluate(found.state.u, locals_, True)
-    better = None if first is None else levenberg_marquardt(evaluate, first, limits, **CLOSELY)
-    return better if better is not None and better.state.cost < found.state.cost else found
 
 
 def same_minimum(best: State, state: State) -> bool:

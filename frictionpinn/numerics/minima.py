@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from .descent import KNOWN, Evaluate, Limits, Solution, State, assembled, coarse_to_fine
+from .descent import CLOSELY, KNOWN, Evaluate, Limits, Solution, State, coarse_to_fine, levenberg_marquardt, moved
 from .parallel import in_parallel
 from .score import inverse_root
 
@@ -47,3 +47,38 @@ def lowest_of_trials(evaluate: Evaluate, found: Solution, limits: Limits, widths
             break
         found = assembled(evaluate, found, [end.state.locals for end in ends if end is not None], limits)
     return found
+
+
+def carried(states: Iterable[State], u: np.ndarray, limits: Limits) -> Iterator[list[np.ndarray]]:
+    """The own unknowns of every trial at minima, as their quadratic models move them to other global ones."""
+    for state in states:
+        try:
+            locals_ = moved(state, u - state.u, limits, longest=np.inf)[1]
+        except np.linalg.LinAlgError:
+            continue
+        yield locals_
+
+
+def assembled(evaluate: Evaluate, found: Solution, offered: Iterable[Sequence[np.ndarray]], limits: Limits) -> Solution:
+    """A minimum, or a lower one that begins with each trial's own unknowns from where that trial fits best.
+
+    Trials share the global unknowns alone: a rugged likelihood has its minima trial by trial, and where searches that
+    ended elsewhere are each better in another trial, none of them is the lowest.
+
+    Args:
+        evaluate: the cost.
+        found: the minimum.
+        offered: local unknowns of every trial as other searches have them, at the minimum's global ones.
+        limits: bounds of u.
+    """
+    best, locals_ = list(found.state.pieces), list(found.state.locals)
+    for own in offered:
+        there = evaluate(found.state.u, own, False)
+        for k, piece in enumerate(there.pieces if there else ()):
+            if piece.cost < best[k].cost:
+                best[k], locals_[k] = piece, own[k]
+    if all(one is other for one, other in zip(locals_, found.state.locals, strict=True)):
+        return found
+    first = evaluate(found.state.u, locals_, True)
+    better = None if first is None else levenberg_marquardt(evaluate, first, limits, **CLOSELY)
+    return better if better is not None and better.state.cost < found.state.cost else found

@@ -22,13 +22,11 @@ from frictionpinn.numerics.descent import (
     Piece,
     Solution,
     State,
-    assembled,
-    carried,
     coarse_to_fine,
     levenberg_marquardt,
 )
 from frictionpinn.numerics.jumps import beside_jumps
-from frictionpinn.numerics.minima import lowest_of_trials
+from frictionpinn.numerics.minima import assembled, carried, lowest_of_trials
 from frictionpinn.numerics.resolution import averaged, samples_within
 from frictionpinn.numerics.whiteness import SIGNIFICANCE, whiteness
 from frictionpinn.physics import LAWS, SYSTEMS
