@@ -2,8 +2,9 @@
 
 Two things make this likelihood rugged. Errors add up over a trial: a static friction a little off moves a stop, and all
 that follows is another motion. And what is sampled jumps: a stop one sample late costs the whole jump of the
-acceleration, and a small change of the parameters changes nothing (laws without memory are not asked beside a jump, see
-:func:`frictionpinn.numerics.jumps.beside_jumps`). So the search goes
+acceleration, and a small change of the parameters changes nothing. Laws without memory are not asked beside a jump that
+the samples show (:func:`frictionpinn.numerics.jumps.beside_jumps`), and wherever a descent ends it tries to move stops
+by whole samples (:mod:`frictionpinn.numerics.stops`). So the search goes
 
 1. over whole trials, noisy inputs among the unknowns, held to the motion that was measured and let go of, each minimum
    the start of the next (:mod:`frictionpinn.identify.tether`), at the noise levels that the residuals show
@@ -11,10 +12,10 @@ acceleration, and a small change of the parameters changes nothing (laws without
 2. where that leaves what is not white, the same from other starts, before that from a coarse resolution in time to the
    sample: a design over what the sliding samples do not tell and a grid over what moves together, those that fit best
    held by the shortest tether (:func:`_elsewhere`);
-3. around what was found, in each trial's own unknowns (:func:`lowest_of_trials`) and by ways that show other minima of
-   the parameters (:func:`minima_around`). Trials share the parameters alone: the likelihood has its minima trial by
-   trial: hardly any search ends in the lowest of every trial, but among a few each trial has been there, and they are
-   put together (:func:`frictionpinn.numerics.minima.assembled`).
+3. around what was found, with a bristle in each trial's own unknowns (:func:`lowest_of_trials`), and by ways that show
+   other minima of the parameters (:func:`minima_around`). Trials share the parameters alone: the likelihood has its
+   minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each trial has been
+   there, and they are put together (:func:`frictionpinn.numerics.minima.assembled`).
 """
 
 from __future__ import annotations

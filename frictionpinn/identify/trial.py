@@ -11,7 +11,7 @@ import numpy as np
 
 from ..numerics.descent import Piece
 from ..numerics.gram import combined, gram
-from ..numerics.jumps import BESIDE, Jump, stops
+from ..numerics.jumps import BESIDE, Jump, jumps_at_rest
 from ..numerics.loss import Loss
 from ..numerics.paths import Directions, InputPath
 from ..numerics.resolution import averaged, samples_within
@@ -160,43 +160,41 @@ class TrialModel:
         return np.stack([run.F if key == "F" else run.signals[key] for key in self.outputs.values()])
 
     def jumps(
-        self, run: Simulation, p: Mapping[str, float], names: Sequence[str], r: np.ndarray, scale: np.ndarray
-    ) -> tuple[list[Jump], np.ndarray]:
+        self, run: Simulation, count: int, r: np.ndarray, scale: np.ndarray
+    ) -> tuple[tuple[Jump, ...], np.ndarray]:
         """Where the measured accelerations jump in a simulation, and which samples are beside, shape (n_out, n), bool.
 
         A body stops when its velocity comes to zero: the time of that changes by -dv / a. None with a bristle, whose
         force does not jump.
 
         Args:
-            run, p, names: with sensitivities, at which parameters, and which of them are free.
+            run, count: with sensitivities, of which so many are in parameters, the others in the local unknowns.
             r, scale: residuals over the noise, shape (n_out, n), and its standard deviations, shape (n_out,).
         """
-        found, near, interval = [], np.zeros(r.shape, bool), float(np.median(np.diff(self.t)))
-        for _, velocity, signal in (c.signals for c in self.simulator.mechanism.free):
-            if signal not in self.outputs or self.simulator.bristles:
+        found: list[Jump] = []
+        near, rows = np.zeros(r.shape, bool), {name: row for row, name in enumerate(self.outputs)}
+        motions = () if self.simulator.bristles else self.simulator.mechanism.free
+        for _, velocity, signal in (c.signals for c in motions):
+            if (row := rows.get(signal)) is None:
                 continue
-            row = list(self.outputs).index(signal)
-            v, a = run.signals[velocity], run.signals[signal]
-            for k, moves in stops(v, a, scale[row], interval):
+            a = run.signals[signal]
+            for k, moves in jumps_at_rest(self.t, run.signals[velocity], a, scale[row]):
                 near[row, max(k + 1 - BESIDE, 0) : k + 1 + BESIDE] = True
-                dv = self._in_force(run.sensitivities[velocity][moves].copy(), run, p, names)[len(names) :]
-                found.append(Jump(a / scale[row], r[row], k, -dv / (a[moves] * interval)))
-        return found, near
+                per_sample = a[moves] * (self.t[k + 1] - self.t[k])
+                slopes = -run.sensitivities[velocity][moves, count:] / per_sample
+                found.append(Jump(a / scale[row], r[row], k, slopes))
+        return tuple(found), near
 
     def derivatives(self, run: Simulation, p: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
         """Derivatives of the outputs in the parameters ``names``, then in the local unknowns, (n_out, n, n_d)."""
         J = np.ascontiguousarray(np.stack([run.sensitivities[key] for key in self.outputs.values()]))
-        return self._in_force(J, run, p, names)
-
-    def _in_force(self, J: np.ndarray, run: Simulation, p: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
-        """Derivatives, shape (..., n_d), in the bristles' initial forces instead of their states; in place."""
         for z, stiffness in self.bristles:
             if z not in self.states or stiffness not in p:
                 continue
             column = len(names) + self.states.index(z)  # the unknown is the force sigma_0 z
             if stiffness in names:
-                J[..., list(names).index(stiffness)] -= J[..., column] * run.at(contact_of(z)).z[0] / p[stiffness]
-            J[..., column] /= p[stiffness]
+                J[:, :, list(names).index(stiffness)] -= J[:, :, column] * run.at(contact_of(z)).z[0] / p[stiffness]
+            J[:, :, column] /= p[stiffness]
         return J
 
     def evaluate(
@@ -244,8 +242,8 @@ class TrialModel:
             rows = measured.sum(), (seen**2).sum(), (seen[:, 1:] * seen[:, :-1]).sum()
             H, gradient = gram(J.reshape(-1, n_g + n_l), (r * scale[:, None]).reshape(-1), weight.reshape(-1))
             ll, grad_l = H[n_g:, n_g:].copy(), gradient[n_g:].copy()
-            jumps, near = ([], np.zeros(r.shape, bool)) if half else self.jumps(run, p, names, r, scale)
-            steep = J[near][:, n_g:] * np.sqrt(weight[near])[:, None]
+            jumps, near = ((), measured) if half else self.jumps(run, n_g, r, scale)
+            steep, pull = (J[near][:, n_g:] * np.sqrt(weight[near])[:, None], seen[near]) if jumps else (None, None)
         for z in self.simulator.bristles:  # held within what friction can be: where the body slides no signal sees it
             if z not in self.states:
                 continue
@@ -276,8 +274,8 @@ class TrialModel:
             return Piece(cost, residuals, run=run if options.get("strict") else None, steps=steps)
         ll[np.diag_indices(n_l)] += RELATIVE_FLOOR * (ll.diagonal().max() if n_l else 0.0)
         parts = H[:n_g, :n_g], H[:n_g, n_g:], ll, gradient[:n_g], grad_l
-        smooth = ll - steep.T @ steep, grad_l - steep.T @ seen[near]
-        return Piece(cost, residuals, *parts, steps=steps, rows=rows, jumps=tuple(jumps), smooth=smooth)
+        smooth = None if steep is None else (ll - steep.T @ steep, grad_l - steep.T @ pull)
+        return Piece(cost, residuals, *parts, steps=steps, rows=rows, jumps=jumps, smooth=smooth)
 
 
 def _filled(r: np.ndarray) -> np.ndarray:

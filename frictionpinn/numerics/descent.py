@@ -47,8 +47,8 @@ class Piece:
         steps: that the integrator took for it.
         rows: with derivatives, number of residuals of the outputs at their resolution, in units of their noise the sum
             of their squares, and of the products of neighbours.
-        jumps, smooth: with derivatives, at the sample: where what is simulated jumps, and ``ll`` and ``grad_l``
-            without the samples beside.
+        jumps, smooth: with derivatives, at the sample: where what is simulated jumps, and, if it does, ``ll`` and
+            ``grad_l`` without the samples beside.
     """
 
     cost: float

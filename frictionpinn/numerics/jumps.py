@@ -59,13 +59,12 @@ class Jump:
         return np.arange(-len(sooner), len(later) + 1), np.concatenate(costs)
 
 
-def stops(v: np.ndarray, a: np.ndarray, sigma: float, interval: float) -> list[tuple[int, int]]:
+def jumps_at_rest(t: np.ndarray, v: np.ndarray, a: np.ndarray, sigma: float) -> list[tuple[int, int]]:
     """Where an acceleration jumps by more than its noise since the velocity comes to zero or leaves it.
 
     Args:
-        v, a: simulated velocity and acceleration, shape (n,), SI units.
+        t, v, a: times, simulated velocity and acceleration, shape (n,), SI units.
         sigma: standard deviation of the acceleration's noise.
-        interval: between two samples, s.
 
     Returns:
         samples before the jump, and beside it the one of the two where the body moves.
@@ -73,7 +72,7 @@ def stops(v: np.ndarray, a: np.ndarray, sigma: float, interval: float) -> list[t
     found = []
     for k in _jumps(a, sigma):
         rest, moves = (k, k + 1) if abs(v[k]) < abs(v[k + 1]) else (k + 1, k)
-        if abs(v[rest]) <= abs(a[rest] * interval) + abs(a[moves] * interval) >= abs(v[moves]):
+        if abs(v[moves]) <= (abs(a[rest]) + abs(a[moves])) * (t[k + 1] - t[k]):
             found.append((k, moves))
     return found
 

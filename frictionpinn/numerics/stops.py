@@ -60,7 +60,7 @@ def _moved(evaluate: Evaluate, at: State, least: float) -> State | None:
 
 def _ways(piece: Piece, least: float) -> list[np.ndarray]:
     """Changes of a trial's own unknowns that promise to gain, the best first: all stops moved, and each alone."""
-    if not piece.jumps or piece.smooth is None:
+    if piece.smooth is None:
         return []
     information, gradient = piece.smooth
     scale = 1 / np.sqrt(np.maximum(information.diagonal(), np.finfo(float).tiny))
