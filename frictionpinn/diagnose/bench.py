@@ -211,7 +211,8 @@ class Bench:
         models = tuple(replace(model, simulator=simulator) for model in fit.models)
         problem = self.problem_of(self.problem, names, values, simulator, limits)
         seen = self._simulated(fit, models) if imitating else models
-        evaluate = problem.evaluator(seen, sigmas, steps=LONGEST * sum(len(run.steps.interval) for run in self.runs))
+        steps = LONGEST * sum(len(run.steps.interval) for run in self.runs)
+        evaluate = problem.evaluator(seen, sigmas, steps=steps)
         try:
             first = replace(fit.state, u=problem.space.to_search(values))
             found = coarse_to_fine(evaluate, first, problem.space.limits, widths)
@@ -219,7 +220,7 @@ class Bench:
                 return None
             minima = [assembled(evaluate, found, offered, problem.space.limits)]
             if around:
-                minima = minima_around(problem, evaluate, found)
+                minima = minima_around(problem, evaluate, problem.apart(seen, sigmas, steps=steps), found)
         except np.linalg.LinAlgError:  # derivatives that overflow
             return None
         state = minima[0].state

@@ -268,3 +268,10 @@ class Problem:
             return State(np.asarray(u, float), tuple(locals_), pieces)
 
         return evaluate
+
+    def apart(
+        self, models: Sequence[TrialModel], sigmas: Mapping[str, float] | None = None, **options: Any
+    ) -> list[Evaluate]:
+        """The cost of every trial by itself, of the data alone, see :meth:`evaluator`: at given parameters, where
+        trials have nothing in common."""
+        return [self.evaluator([model], sigmas, prior=False, **options) for model in models]

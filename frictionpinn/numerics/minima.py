@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .descent import CLOSELY, KNOWN, Evaluate, Limits, Solution, State, coarse_to_fine, levenberg_marquardt, moved
+from .descent import CLOSELY, Evaluate, Limits, Solution, State, coarse_to_fine, levenberg_marquardt, moved
 from .parallel import in_parallel
 from .score import inverse_root
 
@@ -15,38 +15,45 @@ KICKS = tuple(np.geomspace(12.0, 1.0, 8))  # standard errors to where searches f
 AT_ONCE = 2  # of these: not the number of cores, on which no result may depend
 
 
-def lowest_of_trials(evaluate: Evaluate, found: Solution, limits: Limits, widths: Sequence[float]) -> Solution:
+def lowest_of_trials(
+    evaluate: Evaluate, alone: Sequence[Evaluate], found: Solution, limits: Limits, widths: Sequence[float]
+) -> Solution:
     """A minimum, or the lower one that begins with each trial's own unknowns where that trial fits best.
 
     Each bend of a bristle with which a trial may begin, and the side from which a noisy motion turns round, are minima
-    in a trial's own unknowns: each trial has its own at given parameters, and one search tries all of them. Searches
-    begin as far away, in standard errors, as those for other parameters; of a pair one at the sample, one at the
-    resolution next to it, which blurs a stop. Where both come back it ends.
+    in a trial's own unknowns. At given parameters trials have nothing in common: each is searched by itself. Searches
+    begin as far away, in standard errors, as those for other parameters; of a pair one at the sample, the other on the
+    opposite side at the resolution next to it, which blurs a stop.
 
     Args:
         evaluate, found, limits: the cost, a minimum of it, and bounds of u.
+        alone: the cost of every trial by itself.
         widths: resolutions in time, the coarsest first.
     """
-    rng = np.random.default_rng(0)
+    u = found.state.u
 
-    def away(at: State, kick: float) -> State:
-        roots = [inverse_root(piece.ll) for piece in at.pieces]
-        steps = [kick * (H @ rng.standard_normal(H.shape[1])) for H in roots]
-        return replace(at, locals=tuple(x + step for x, step in zip(at.locals, steps, strict=True)))
+    def search(k: int) -> np.ndarray:
+        rng, way, best = np.random.default_rng(k), np.zeros(0), found.state.locals[k]
+        known = alone[k](u, [best], True)
+        for j, kick in enumerate(KICKS):
+            if known is None:
+                break
+            opposite = j % 2
+            way = -way if opposite else _direction(rng, len(best))
+            begun = replace(known, locals=(best + kick * inverse_root(known.pieces[0].ll) @ way,))
+            end = coarse_to_fine(alone[k], begun, (u, u), widths[-1 - opposite :], [known])
+            if end is not None and end.state.cost < known.cost:
+                known, best = end.state, end.state.locals[0]
+        return best
 
-    def followed(at: State, begun: Sequence[State]) -> list[Solution | None]:
-        def follow(k: int) -> Solution | None:
-            return coarse_to_fine(evaluate, begun[k], (at.u, at.u), widths[-1 - k :], [at])
+    own = in_parallel(search, [float(len(piece.ll)) for piece in found.state.pieces], "trials around the fit")
+    return assembled(evaluate, found, [own], limits)
 
-        return in_parallel(follow, [1.0] * len(begun), "trials around the fit")
 
-    for k in range(0, len(KICKS), AT_ONCE):
-        at = found.state
-        ends = followed(at, [away(at, kick) for kick in KICKS[k : k + AT_ONCE]])
-        if all(end is not None and end.reason == KNOWN for end in ends):
-            break
-        found = assembled(evaluate, found, [end.state.locals for end in ends if end is not None], limits)
-    return found
+def _direction(rng: np.random.Generator, n: int) -> np.ndarray:
+    """A direction at random, as long as n standard errors at once, (n,)."""
+    z = rng.standard_normal(n)
+    return z * np.sqrt(n / (z @ z))
 
 
 def carried(states: Iterable[State], u: np.ndarray, limits: Limits) -> Iterator[list[np.ndarray]]:

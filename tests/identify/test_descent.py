@@ -284,7 +284,7 @@ def test_trials_that_ended_in_a_minimum_of_their_own_are_brought_to_lower_ones(w
     first = evaluate(np.zeros(1), [np.array([5.0 * w]) for w in wrong], True)
     found = levenberg_marquardt(evaluate, first, limits)
     assert found.state.cost > 1.5 * np.count_nonzero(wrong)
-    best = lowest_of_trials(evaluate, found, limits, [0.0])
+    best = lowest_of_trials(evaluate, [evaluate] * len(wrong), found, limits, [0.0])
     assert best.state.cost < found.state.cost - 1.5 and best.state.u[0] == pytest.approx(1.0, abs=0.01)
 
 
