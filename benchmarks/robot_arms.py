@@ -157,7 +157,7 @@ def simulate(
     a, command = np.zeros(n), nominal[0].copy()
     seen = np.round(q / ENCODER) * ENCODER
     rate, twist = v.copy(), np.zeros(n)
-    shown, torque = np.empty((len(t) // EVERY, n)), np.empty((len(t) // EVERY, n))
+    shown, torque, true = np.empty((3, len(t) // EVERY, n))
     for i in range(len(t)):
         if i % EVERY == 0:
             noisy = np.round(q / ENCODER + rng.standard_normal(n)) * ENCODER
@@ -172,6 +172,8 @@ def simulate(
         g, beside = friction(load, q, v, t[i])
         slope = arm.sigma_0 * np.abs(v) / g
         F = arm.sigma_0 * z + arm.sigma_1 * (v - slope * z) + beside
+        if i % EVERY == 0:
+            true[i // EVERY] = F
         a = pin.aba(model, data, q, v, command - F)
         v = v + STEP * a
         q = q + STEP * v
@@ -182,7 +184,7 @@ def simulate(
     channels = arm.channels(t[::EVERY], torque)
     channels += NOISE * np.sqrt(np.mean(channels**2, axis=0)) * rng.standard_normal(channels.shape)
     signals = {f"q_{k + 1}": shown[:, k] for k in range(n)} | {f"tau_{k + 1}": channels[:, k] for k in range(n)}
-    return Trial(name, t[::EVERY], signals, start=0.0)
+    return Trial(name, t[::EVERY], signals, {f"F_{k + 1}": true[:, k] for k in range(n)}, start=0.0)
 
 
 def recorded(

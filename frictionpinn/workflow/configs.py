@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -75,6 +76,14 @@ class Configs:
         tables = {name: OmegaConf.load(self.folder / f"{name}.yaml") for name in sorted(SCRIPTS)}
         groups = {name: [*table.get("defaults", [])] for name, table in tables.items() if isinstance(table, DictConfig)}
         return [name for name, own in groups.items() if any(group in item for item in own if item != "_self_")]
+
+    def meant(self, key: str) -> str:
+        """What a value that has to be given may be, in the words of the file that asks for it."""
+        asks = re.compile(rf"^ *{re.escape(key.rpartition('.')[2])}: \?\?\? *# *(.+)$", re.M)
+        texts = (
+            path.read_text(encoding="utf-8") for folder in self._folders for path in sorted(folder.rglob("*.yaml"))
+        )
+        return next((found[1] for found in map(asks.search, texts) if found), "")
 
     @property
     def _folders(self) -> list[Path]:

@@ -245,7 +245,8 @@ def _explain(error: Exception, configs: Configs, choices: list[str]) -> UserErro
     text = f"{error} {cause}"
     if isinstance(cause, MissingMandatoryValue) or isinstance(error, MissingMandatoryValue):
         key = getattr(error, "full_key", None) or getattr(cause, "full_key", None) or "?"
-        return UserError("a value is missing", where=key, received="nothing", fix=f"add {key}=... to the command")
+        return UserError("a value is missing", where=key, received="nothing", allowed=configs.meant(key),
+                         fix=f"add {key}=... to the command")  # fmt: skip
     unknown = re.search(r"(?:Could not override|No match in the defaults list[^']*|Key) '([\w./@]+)'", text)
     if unknown:
         key = unknown.group(1)

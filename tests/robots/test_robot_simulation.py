@@ -185,4 +185,8 @@ def test_the_guide_to_simulation_runs_as_printed(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {}
     exec(block("python", "motion = simulate(arm").replace("np.arange(0, 1, 1e-3)", "np.arange(0, 0.1, 1e-3)"), names)
-    assert np.abs(names["motion"].q - [names["reference"](t)[0] for t in names["t"]]).max() < 0.05
+    motion = names["motion"]
+    assert np.abs(motion.q - [names["reference"](t)[0] for t in names["t"]]).max() < 0.05
+    exec(block("python", "observer = Observer(arm)"), names)
+    friction = np.array(motion.friction[-1])
+    assert np.abs(names["seen"].friction - friction).max() < 0.1 * np.abs(friction).max()

@@ -92,7 +92,7 @@ def test_an_unknown_file_is_refused_with_the_nearest_one(check, csv, tmp_path):
     csv()
     message = r"unknown file: data\.path is .*runn.csv; allowed: in .* are run.csv; did you mean 'run.csv'"
     refused(check, tmp_path, message, "data=csv", f"data.path={tmp_path}/runn.csv")
-    refused(check, tmp_path, r"a value is missing: data.path is nothing; add data.path=", "data=csv")
+    refused(check, tmp_path, r"data.path is nothing; allowed: a file, a folder .*; add data.path=", "data=csv")
 
 
 OPTIONS = {
