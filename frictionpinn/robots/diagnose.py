@@ -27,9 +27,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..diagnose.verdict import FOUND, NOTHING, PARTLY, UNEXPLAINED
-from .balance import Model, Solution, solve
+from .balance import Model
 from .candidates import remainders
 from .identify import identify, narrowed, relative_errors
+from .least_squares import Solution, solve
 from .motion import Prepared
 from .rounds import SIMILAR, Accepted, Settings, frictions, round_at
 from .score import Scorer

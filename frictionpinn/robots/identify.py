@@ -18,7 +18,8 @@ from ..physics.effect import Effect
 from ..physics.effects import EFFECTS
 from ..physics.robot import Base, Robot
 from ..physics.robot_joint import JOINT_EFFECTS
-from .balance import Model, Solution, friction_of, solve
+from .balance import Model, friction_of
+from .least_squares import Solution, solve
 from .motion import Prepared
 from .recording import joint_names
 from .whole import Lag

@@ -27,8 +27,9 @@ from ..models import JointNetworks, JointTrial
 from ..numerics.score import inverse_root
 from ..numerics.torch_functions import LawFunctions
 from ..physics.base import at_contact, contact_of, plain_name
-from .balance import Model, Solution
+from .balance import Model
 from .identify import identify, joint_effect
+from .least_squares import Solution
 from .motion import EDGE, Prepared
 
 LOAD, OFFSET = "load_friction", "constant_force"

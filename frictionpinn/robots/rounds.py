@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
-from .balance import Model, Solution, solve
+from .balance import Model
 from .candidates import AT_JOINTS, ON_ROBOT, Term, at_joint, on_robot
 from .identify import begun_anew
+from .least_squares import Solution, solve
 from .motion import Prepared
 from .score import Confirmed, Scored, Scorer
 from .whole import joint_of

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import f, norm, wilcoxon
 
 from ..numerics.score import NOTHING, TINY, inverse_root
-from .balance import Solution, away, blocks_of
+from .least_squares import Solution, away, blocks_of
 
 FOLDS = 8  # stretches of time, each left out once: seven eighths still excite what the whole does
 LENGTH_S = 1.0  # of a stretch at least: many correlation times of filtered residuals

@@ -19,12 +19,13 @@ from ..physics import LAWS
 from ..physics.base import contact_of, plain_name
 from ..physics.robot import INERTIAL, INERTIAL_UNITS, Base, Robot
 from ..report.robot import draw, headline, in_text, rows, write_page
-from ..robots.balance import Model, Solution, as_text
+from ..robots.balance import Model, as_text
 from ..robots.candidates import AT_JOINTS, ON_ROBOT
 from ..robots.check import inspect_robot
 from ..robots.diagnose import diagnose as run_diagnosis
 from ..robots.identify import declare, joint_effect, relative_errors
 from ..robots.identify import identify as run_identification
+from ..robots.least_squares import Solution
 from ..robots.motion import Prepared, prepare
 from ..robots.recording import TORQUE_AT, joint_names, read_robot, robot_units
 from ..robots.rounds import Settings

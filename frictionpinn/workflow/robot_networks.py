@@ -21,8 +21,9 @@ from ..physics.base import at_contact
 from ..physics.mechanism import Mechanism
 from ..physics.robot_joint import RobotJoint
 from ..report.robot import torques_over_time
-from ..robots.balance import Solution, as_text
+from ..robots.balance import as_text
 from ..robots.identify import identify, relative_errors
+from ..robots.least_squares import Solution
 from ..robots.networks import OFFSET, Trained, joint_trials, kernel_of, law_values, start, weights
 from ..robots.recording import TORQUE_AT
 from .build import Config, mapping, seed_of

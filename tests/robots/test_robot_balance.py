@@ -11,7 +11,7 @@ pytest.importorskip("pinocchio")
 from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.physics import LAWS
 from frictionpinn.physics.robot import Base, Robot
-from frictionpinn.robots.balance import friction_of, solve
+from frictionpinn.robots.balance import friction_of
 from frictionpinn.robots.check import inspect_robot
 from frictionpinn.robots.diagnose import diagnose
 from frictionpinn.robots.identify import (
@@ -23,6 +23,7 @@ from frictionpinn.robots.identify import (
     narrowed,
     relative_errors,
 )
+from frictionpinn.robots.least_squares import solve
 from frictionpinn.robots.motion import cutoff, fitted_smoothers, prepare
 from frictionpinn.robots.rounds import Settings
 
@@ -218,7 +219,7 @@ def test_a_stretch_that_gains_most_of_all_does_not_make_a_gain_unsure():
 
 
 def test_stretches_left_out_in_turn_leave_fits_that_keep_their_priors(robot):
-    from frictionpinn.robots.balance import away
+    from frictionpinn.robots.least_squares import away
     from frictionpinn.robots.score import Scorer
 
     base, (trial,) = ready(robot, recorded(robot, duration=12.0))
