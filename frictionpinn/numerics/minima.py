@@ -40,7 +40,8 @@ def lowest_of_trials(
                 break
             opposite = j % 2
             way = -way if opposite else _direction(rng, len(best))
-            begun = replace(known, locals=(best + kick * inverse_root(known.pieces[0].ll) @ way,))
+            root = inverse_root(known.pieces[0].ll)  # of the directions that the data tell
+            begun = replace(known, locals=(best + kick * (root @ way[: root.shape[1]]),))
             end = coarse_to_fine(alone[k], begun, (u, u), widths[-1 - opposite :], [known])
             if end is not None and end.state.cost < known.cost:
                 known, best = end.state, end.state.locals[0]

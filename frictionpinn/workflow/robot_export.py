@@ -24,7 +24,7 @@ from ..robots.whole import LAG
 from .build import Config
 from .manifest import RESULT, write_json
 from .provenance import commit, versions
-from .robot import recorded
+from .robot_bench import recorded
 
 log = logging.getLogger(__name__)
 EXACT = 1e-6  # of the base parameters: a difference that no torque shows

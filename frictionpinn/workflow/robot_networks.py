@@ -32,7 +32,7 @@ from .experiment import common_options
 from .manifest import write_json
 from .provenance import commit, versions
 from .result import final_losses, readable
-from .robot import Bench, bench
+from .robot_bench import Bench, bench
 from .train import trained
 
 log = logging.getLogger(__name__)

@@ -267,6 +267,18 @@ def test_a_wall_that_holds_up_one_trial_holds_up_neither_the_parameters_nor_the_
     assert found.locals[0][0] <= 0 and found.locals[1][0] == pytest.approx(-1.0, abs=0.01)
 
 
+def test_unknowns_of_a_trial_that_nothing_tells_do_not_stop_the_search_for_lower_minima():
+    def evaluate(u, locals_, derivatives, **_):
+        (x,) = locals_  # their sum alone shows
+        ll, grad, cost = np.ones((2, 2)) - 1e-11 * (1 - np.eye(2)), np.full(2, x.sum()), 0.5 * float(x.sum() ** 2)
+        piece = Piece(cost, {}, np.eye(1), np.zeros((1, 2)), ll, np.zeros(1), grad, rows=(1.0, 1.0, 0.0))
+        return State(np.asarray(u, float), tuple(locals_), (piece,))
+
+    found = Solution(evaluate(np.zeros(1), (np.zeros(2),), True), "converged")
+    best = lowest_of_trials(evaluate, [evaluate], found, (np.array([-1.0]), np.array([1.0])), [0.1, 0.0])
+    assert best.state.cost <= found.state.cost
+
+
 @pytest.mark.parametrize("wrong", [(1, 0, 0), (0, -1, 1), (1, 1, -1)])
 def test_trials_that_ended_in_a_minimum_of_their_own_are_brought_to_lower_ones(wrong):
     # Minima of each trial's own unknown lie 5 apart, each next one 2 higher in log-likelihood: stops a sample too late.

@@ -1,0 +1,133 @@
+"""A robot's configuration made into what a fit needs: its file, its recording checked, its declared model."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..data.public import fetch
+from ..data.recording import Recording
+from ..data.sets import load_public
+from ..errors import UserError, choose
+from ..physics import LAWS
+from ..physics.robot import Base, Robot
+from ..robots.balance import Model
+from ..robots.check import inspect_robot
+from ..robots.identify import declare, joint_effect
+from ..robots.motion import Prepared, prepare
+from ..robots.recording import TORQUE_AT, joint_names, read_robot
+from .build import Config, mapping
+from .diagnose import split
+from .vet import GO_ON, in_words
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A robot, its recording in parts, its declared model, and the parts ready for the balance."""
+
+    robot: Robot
+    base: Base
+    fitted: Recording
+    held_out: Recording
+    model: Model
+    trials: tuple[list[Prepared], list[Prepared]]
+
+
+def recorded(cfg: Config) -> tuple[Robot, Recording]:
+    """Robot and recording of a configuration.
+
+    Raises:
+        UserError: anything that the user can mend.
+    """
+    r, data = cfg["robot"], cfg["data"]
+    choose(str(r["torque"]), TORQUE_AT, "robot.torque")
+    public = data["name"] == "ur10e"
+    if data.get("for_system") not in (None, "robot") or data["name"] not in ("csv", "ur10e"):
+        raise UserError(
+            "data of another system",
+            where="data",
+            received=f"{data['name']} with system=robot",
+            allowed="csv, ur10e",
+            fix="say data=csv data.path=...",
+        )
+    file = fetch("ur10e", ["urdf"])["urdf"] if public and r["file"] == "ur10e" else r["file"]
+    robot = Robot.read(file, r["joints"], mapping(r, "locked", "robot"), r["gravity"])
+    if public:
+        return robot, load_public("ur10e", **(data.get("options") or {}))
+    recording = read_robot(
+        data["path"],
+        robot,
+        columns=data.get("columns"),
+        units=mapping(data, "units", "data") or None,
+        trial_column=data.get("trial_column"),
+        gains=r["gains"],
+        gear=r["gear"],
+        coupling=r["coupling"],
+    )
+    return robot, recording
+
+
+def bench(cfg: Config) -> Bench:
+    """Everything that a fit needs, the recording checked.
+
+    Raises:
+        UserError: anything that the user can mend; a finding by which no answer would have a sense.
+    """
+    robot, recording = recorded(cfg)
+    motor = TORQUE_AT[cfg["robot"]["torque"]]
+    for line in (*recording.notes, *(note for trial in recording.trials for note in trial.notes)):
+        log.info(line)
+    findings = inspect_robot(robot, recording, motor=motor)
+    for finding in findings:
+        log.warning(in_words(finding))
+    refuse = choose(cfg["data"].get("check", "refuse"), {"refuse": True, "warn": False}, "data.check")
+    if refuse and (grave := [f for f in findings if f.grave]):
+        more = f" (and {len(grave) - 1} more)" if len(grave) > 1 else ""
+        raise UserError(
+            f"no answer from this recording has a sense{more}: {grave[0].what}",
+            where=recording.source,
+            fix="; ".join(filter(None, [grave[0].fix, GO_ON])),
+        )
+    fitted, held_out = split(recording, cfg["data"])
+    base = Base.of(robot)
+    model = _declared(cfg, robot, base, motor)
+    cutoff = cfg["robot"]["cutoff_hz"]
+    if cutoff is not None and (isinstance(cutoff, bool) or not isinstance(cutoff, int | float)):
+        raise UserError("not a number", where="robot.cutoff_hz", received=repr(cutoff), allowed="Hz, or null")
+    both = prepare(replace(recording, trials=(*fitted.trials, *held_out.trials)), robot, base, cutoff, fitted)
+    parts = both[: len(fitted.trials)], both[len(fitted.trials) :]
+    return Bench(robot, base, fitted, held_out, model, parts)
+
+
+def _declared(cfg: Config, robot: Robot, base: Base, motor: bool) -> Model:
+    """The declared model: a law for all joints or for each, effects at each or at a named one."""
+    names, friction = joint_names(len(robot.joints)), cfg["friction"]
+    own = mapping(friction, "contacts", "friction")
+    for joint in own:
+        choose(joint, dict.fromkeys(names), "friction")
+    laws = [choose(own.get(name, friction["name"]), LAWS, "friction")() for name in names]
+    table: dict[str, list[str]] = {name: [] for name in names}
+    for item in (cfg.get("diagnose") or {}).get("declared") or []:
+        kind, _, joint = str(item).partition("@")
+        joint_effect(kind)
+        for name in [joint] if joint else names:
+            choose(name, table, "diagnose.declared").append(kind)
+    fixed, start = (
+        {n: v for n, v in mapping(friction, key, "friction").items() if v is not None} for key in ("fixed", "start")
+    )
+    model = declare(robot, base, laws, table, cfg["robot"]["inertia"], _flat(fixed), _flat(start))
+    if motor:
+        return model
+    log.warning("robot.torque=link: torques behind the gear hold the friction of bearings alone, not of motor and gear")
+    return replace(model, free=tuple(n for n in model.free if not n.startswith("armature.")))
+
+
+def _flat(table: dict[str, Any]) -> dict[str, float]:
+    """Values by full name: of joints' tables, too."""
+    flat: dict[str, float] = {}
+    for name, value in table.items():
+        flat |= {f"{name}.{n}": float(v) for n, v in value.items()} if isinstance(value, dict) else {name: float(value)}
+    return flat
