@@ -1,11 +1,12 @@
 """PE2 on a mechanism with two contacts: online force error of each, beside what one contact alone gives.
 
-    python benchmarks/network_contacts.py --seeds 0 1 2
+    python benchmarks/network_contacts.py --seeds 0 1 2 [--models pe2 pe2,memory]
     python benchmarks/network_contacts.py --report       # of the trainings that were made so far
 
 The trials of conf/system/pob_hinge.yaml with 5 % noise on every signal, the last held out, at 200 Hz, 600 epochs. Both:
 friction at box and hinge, learned at once. Alone: the same mechanism and inputs with friction at one of them only, the
-other declared without. The error is that of the force from causal signals on the held-out trial, against the truth.
+other declared without. ``pe2,memory`` is experiment=memory, which follows the measured slip velocities with
+several contacts. The error is that of the force from causal signals on the held-out trial, against the truth.
 A training's errors are kept in benchmarks/results/network_contacts.json and not made again.
 """
 
@@ -30,7 +31,9 @@ CASES = {"both": CONTACTS, **{contact: (contact,) for contact in CONTACTS}}
 
 def trained(own: tuple[str, ...], model: str, seed: int) -> dict:
     """Errors by contact of one training on a mechanism with friction at ``own`` alone, and its seconds."""
-    options = [f"model={model}", "system=pob_hinge", f"seed={seed}", f"data.rate_hz={RATE}"]
+    name, _, memory = model.partition(",")
+    options = ["experiment=memory"] if memory else []
+    options += [f"model={name}", "system=pob_hinge", f"seed={seed}", f"data.rate_hz={RATE}"]
     options += [f"trainer.max_epochs={EPOCHS}", "trainer.progress_bar=false", "trainer.threads=1"]
     options += [f"friction.{contact}=none" for contact in CONTACTS if contact not in own]
     cfg, begin = composed("train", options), time.process_time()

@@ -19,6 +19,10 @@ CLEAN = 1e-3  # of its root mean square: error of a slip velocity as good as fre
 FINER, REACH = 4, 16  # points of the errors' shape in the time over which they stay alike, and its reach in such times
 
 
+UNTOLD: dict = {"slip_noise": 0.0, "force_noise": 0.0, "input_error": 0.0, "start_error": 0.0, "input_shape": [],
+                "input_step": 0.0}  # fmt: skip
+
+
 def input_noise(recording: Recording, system: System, smoother: Smoother, trials: Sequence[ContactTrial]) -> dict:
     """Errors of the frictionless acceleration and the slip velocity that smoothing leaves, at a system's only contact.
 
@@ -45,7 +49,7 @@ def input_noise(recording: Recording, system: System, smoother: Smoother, trials
     if not any(sigmas.values()):
         speed = np.concatenate([trial.offline["v_slip"] for trial in trials])
         found["slip_noise"] = CLEAN * _rms(speed)
-        return found | {"input_error": 0.0, "start_error": 0.0, "input_shape": [], "input_step": 0.0}
+        return UNTOLD | found
     for trial in trials:
         noisy = {name: trial.smoothed[name] + sigmas[name] * rng.standard_normal(len(trial.t)) for name in names}
         own = recording.select([trial.name]).trials[0]

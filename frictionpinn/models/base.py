@@ -122,11 +122,13 @@ class FrictionModel(L.LightningModule):
         force = (predicted["force"] - batch["target"]).square().mean()
         if self.loss["force"] == "normalised":
             force = force / self.scales["force"] ** 2
-        parts = {"force": force}
-        if "residual" in predicted:
-            parts["consistency"] = self.consistency(predicted["residual"], batch["v"])
+        parts = {"force": force} | self.beside(batch, predicted)
         parts["loss"] = sum(parts.values(), start=torch.zeros((), device=force.device))
         return parts
+
+    def beside(self, batch: Batch, predicted: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """Terms of the loss beside that of the force: of a PE that of its bristle."""
+        return {"consistency": self.consistency(predicted["residual"], batch["v"])} if "residual" in predicted else {}
 
     def consistency(self, residual: Tensor, v: Tensor) -> Tensor:
         """lambda times the mean square of z' of network less law, m/s, or of it over the slip velocity v."""

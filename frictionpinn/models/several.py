@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from ..physics.base import at_contact
 from .base import Batch, FrictionModel, check_loss
 from .black_box import BlackBox
 from .parameter_estimator import ParameterEstimator
+from .state import StateModel
 
 SLOPES = "slopes"  # J in a batch
 
@@ -24,14 +24,15 @@ class SeveralContacts(FrictionModel):
 
     The equations of motion E_i + sum_k J_ik F_k = 0 hold for the implied forces F_k*, and the loss is
 
-        sum_i mean((sum_k J_ik (F_k - F_k*))^2) / scale_i^2 + sum_k lambda mean(residual_k^2),
+        sum_i mean((sum_k J_ik (F_k - F_k*))^2) / scale_i^2 + sum_k beside_k,
 
-    with the residual of each contact's bristle for PE. That is the residual of the equations less what no friction
-    force could explain. Every map sees the signals of its own contact. In a batch ``hinge.x`` is the ``x`` of the hinge
-    (see :func:`.base.tensors`), ``slopes`` J of shape (n, equations, contacts).
+    with what the loss of each map has beside its force (:meth:`FrictionModel.beside`). That is the residual of the
+    equations less what no friction force could explain. Every map sees the signals of its own contact. In a batch
+    ``hinge.x`` is the ``x`` of the hinge (see :func:`.base.tensors`), ``slopes`` J of shape (n, equations, contacts).
 
     Args:
-        contacts: contact -> ``scales`` and, of a PE, ``law`` and ``bristle``, as :class:`FrictionModel` takes them.
+        contacts: contact -> ``scales`` and, of a PE, ``law`` and ``bristle``, as :class:`FrictionModel` takes them;
+            with ``state`` networks with memory, see :class:`StateModel`, which follow the measured slip velocities.
         balance: scale of each equation, the root mean square of sum_k J_ik F_k* over the training trials.
         share: whether the networks have the same weights; standardisation and the law's parameters stay their own.
         name, inputs, windows, network, loss, optimizer, context: of every map, see :class:`FrictionModel`.
@@ -59,12 +60,17 @@ class SeveralContacts(FrictionModel):
                             received=loss["force"], allowed="normalised, with several contacts")  # fmt: skip
         common: dict[str, Any] = {"name": name, "inputs": inputs, "windows": windows, "network": network}
         common |= {"loss": loss, "optimizer": optimizer, "context": context}
-        kind = ParameterEstimator if name.startswith("pe") else BlackBox
-        self.maps = nn.ModuleDict({contact: kind(**common, **own) for contact, own in contacts.items()})
+        windows_ = ParameterEstimator if name.startswith("pe") else BlackBox
+        made = {contact: (StateModel if own.get("state") else windows_)(**common, **own)
+                for contact, own in contacts.items()}  # fmt: skip
+        self.maps = nn.ModuleDict(made)
         first = self.map_of(next(iter(contacts)))
-        if share:
-            for contact in contacts:
+        for contact in contacts if share else ():
+            if isinstance(first, StateModel):
+                self.map_of(contact).network = first.network
+            else:
                 self.map_of(contact).network.layers = first.network.layers
+        self.own = first.own
         self.features, self.sees_rates = first.features, first.sees_rates
         self.loss, self.optimizer_config = dict(loss), dict(optimizer)
         self.parts: dict[str, Tensor] = {}
@@ -109,13 +115,13 @@ class SeveralContacts(FrictionModel):
         return {at_contact(contact, name): value for contact, table in own.items() for name, value in table.items()}
 
     def losses(self, batch: Batch, outputs: tuple[Tensor, ...] | None = None) -> dict[str, Tensor]:
-        """Terms of the loss: ``force``, of a PE ``consistency`` of all contacts; ``loss`` is their sum."""
+        """Terms of the loss: ``force``, and those beside it of all contacts together; ``loss`` is their sum."""
         predicted = self.predict(batch)
         balance = self.balance(batch, predicted)
         parts = {"force": balance.square().mean(0).sum()}
-        told = [self._consistency(batch, predicted, contact) for contact in self.contacts if self.sees_rates]
-        if told:
-            parts["consistency"] = torch.stack(told).sum()
+        for contact in self.contacts:
+            own = self.map_of(contact).beside(self.of_contact(batch, contact), self.of_contact(predicted, contact))
+            parts |= {name: parts[name] + value if name in parts else value for name, value in own.items()}
         parts["loss"] = sum(parts.values(), start=torch.zeros((), device=balance.device))
         return parts
 
@@ -123,11 +129,7 @@ class SeveralContacts(FrictionModel):
         """What is left of every equation of motion, over its scale, shape (n, equations)."""
         off = [predicted[at_contact(c, "force")] - batch[at_contact(c, "target")] for c in self.contacts]
         scale = torch.as_tensor(self.hparams["balance"], dtype=off[0].dtype, device=off[0].device)
-        return (batch[SLOPES] @ torch.stack(off, dim=1)).squeeze(-1) / scale
-
-    def _consistency(self, batch: Batch, predicted: Mapping[str, Tensor], contact: str) -> Tensor:
-        residual, v = predicted[at_contact(contact, "residual")], batch[at_contact(contact, "v")]
-        return self.map_of(contact).consistency(residual, v)
+        return (batch[SLOPES].to(off[0].dtype) @ torch.stack(off, dim=1)).squeeze(-1) / scale
 
     def fit_scales(self, batch: Batch) -> None:
         """Standardise the inputs of every network by the training data."""

@@ -3,6 +3,7 @@ dissipative; trained along the measured motion or through the motion that it mak
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,14 +19,12 @@ from ..physics.beforehand import EXCESS, SPREADS, STRIBECK
 from .base import Batch, FrictionModel
 from .beside_law import beside_law, met_at
 from .elements import StateFriction
+from .knots import KNOTS, LOADS, cells, knots_of, read
 from .network import perceptron
 from .parameters import LawParameters
 from .segments import GATE, segments, through
 from .state_start import find_start
 
-KNOTS, LOADS = 81, 3  # of the tables: velocities (asinh-spaced, a factor 1.25 apart) and loads
-REACH = 2.0  # times the fastest training sample: where the tables end
-REST = 1e-3  # of the root mean square velocity: below it the knots lie evenly
 STEPS = 4  # of the recursion per sample: slip velocity to 1e-4 m/s on the pendulum on a box at 400 Hz
 GAIN = 0.05  # share of that correction, per sample, where the model is used online
 PRESLIDING = 1e-2  # share of v^2 / a that a bristle bends: where its training starts
@@ -81,18 +80,9 @@ class StateModel(FrictionModel):
         self.K = 1 if law else int(options["elements"])
         self.moving = scales["mobility"] > 0 and "a_frictionless" in self.features.inputs
         self.through = through(self.loss.get("through"), self.moving, scales)
-        v0, fastest = REST * scales["velocity"], REACH * scales["fastest"]
-        ends = np.arcsinh(fastest / v0)
-        low, high = scales["load_low"], scales["load_high"]
-        margin = max(0.2 * (high - low), 0.05 * high)
-        u, N = np.linspace(-ends, ends, KNOTS), np.linspace(low - margin, high + margin, LOADS)
-        self.grid = np.array([v0, u[0], u[1] - u[0], N[0], N[1] - N[0]])
-        knots = np.stack(np.meshgrid(v0 * np.sinh(u), N, indexing="ij"), axis=-1).reshape(-1, 2)
+        self.grid, knots, eyes = knots_of(self.scales, common["network"].get("odd", True))
         self.register_buffer("knots", torch.from_numpy(knots), persistent=False)
-        slow = np.arcsinh(knots[:, 0] / v0) / ends
-        slow = np.abs(slow) if common["network"].get("odd", True) else slow
-        eyes = np.stack([slow, (knots[:, 1] - N.mean()) / (N[-1] - N[0])], axis=1)
-        self.register_buffer("eyes", torch.from_numpy(2 * eyes).float(), persistent=False)
+        self.register_buffer("eyes", torch.from_numpy(eyes).float(), persistent=False)
         self.network = perceptron(  # type: ignore[assignment]
             common["network"], self.K + (0 if law else 1)
         )
@@ -198,30 +188,13 @@ class StateModel(FrictionModel):
     def _start(self, force: Tensor, v: Tensor, N: Tensor, tables: Tensor, elements: Tensor) -> Tensor:
         """States at the starts, shape (trials, K): settled where the contact surely slides; at rest those that carry
         the measured force, each the same share of its reach."""
-        still, now = self._read(tables, torch.zeros_like(v), N), self._read(tables, v, N)
+        still, now = read(self.grid, tables, torch.zeros_like(v), N), read(self.grid, tables, v, N)
         settled = v.sign()[:, None] * (elements[2] + N[:, None] * now[:, : self.K])
         dry = N[:, None] * still[:, : self.K]
         share = ((force - still[:, self.K] * v)[:, None] / (elements[0] * dry).sum(1, keepdim=True)).clamp(-1, 1)
         carried = share.sign() * (elements[2] + dry * share.abs())
         slides = v.abs() > 2 * GATE * self.scales["slip_noise"]
         return torch.where(slides[:, None] & (self.moving or self.through == "motion"), settled, carried)
-
-    def _cells(self, v: Tensor, N: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Shares and cells of points in the tables."""
-        v0, first, step, lowest, apart = self.grid
-        x = ((torch.asinh(v / v0) - first) / step).clamp(0, KNOTS - 1)
-        y = ((N - lowest) / apart).clamp(0, LOADS - 1)
-        i, j = x.long().clamp_max(KNOTS - 2), y.long().clamp_max(LOADS - 2)
-        return x - i, y - j, i, j
-
-    def _read(self, tables: Tensor, v: Tensor, N: Tensor) -> Tensor:
-        """The tables at points, shape (n, K + 1)."""
-        x, y, i, j = self._cells(v, N)
-        x, y = x[:, None], y[:, None]
-        near, far = (tables[:, i + k].transpose(0, 1) for k in (0, 1))
-        at = torch.arange(len(v))
-        sides = [(1 - y) * side[at, :, j] + y * side[at, :, j + 1] for side in (near, far)]
-        return (1 - x) * sides[0] + x * sides[1]
 
     # training ------------------------------------------------------------------------------------------------
     def arrays(self, trial: ContactTrial, source: str = "online") -> dict[str, np.ndarray]:
@@ -247,7 +220,7 @@ class StateModel(FrictionModel):
         estimator that is trained through the motion as :func:`.state_start.find_start` says."""
         if self.law_parameters is not None:
             v, N = (batch[name][:, 0].double() for name in ("v", "N"))
-            self.met.copy_(met_at(self._cells(v, N), N**2, (KNOTS, LOADS)))
+            self.met.copy_(met_at(cells(self.grid, v, N), N**2, (KNOTS, LOADS)))
             if self.through == "motion" and self.law_parameters.raw:
                 find_start(self, batch)
             return
@@ -284,12 +257,19 @@ class StateModel(FrictionModel):
             parts, told = self._through_balance(batch)
         weight = float(self.loss.get("weight", WEIGHT))
         if self.law_parameters is not None:
-            parts["consistency"] = weight * told.square().mean()
+            parts |= self.beside(batch, {"told": told})
         elif self.through == "motion":  # in noises: beside a force balance, which has none, the weight means nothing
             by_load = told.reshape(KNOTS, LOADS, -1)
             parts["consistency"] = weight * (by_load - by_load.mean(1, keepdim=True)).square().mean()
         parts["loss"] = sum(parts.values(), start=torch.zeros((), dtype=torch.float64))
         return parts
+
+    def beside(self, batch: Batch, predicted: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """Of a parameter estimator, how far its network departs from the law."""
+        if self.law_parameters is None:
+            return {}
+        told = predicted["told"] if "told" in predicted else self.tables()[2]
+        return {"consistency": float(self.loss.get("weight", WEIGHT)) * told.square().mean()}
 
     def _through_balance(self, batch: Batch) -> tuple[dict[str, Tensor], Tensor]:
         found = self._along(batch, False, 0.0, False)

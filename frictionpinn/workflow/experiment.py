@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..data.contact import ContactTrial, contact_trials
-from ..data.input_noise import input_noise
+from ..data.input_noise import UNTOLD, input_noise
 from ..data.module import TrajectoryData
 from ..data.split import split_trials
 from ..errors import UserError, choose
@@ -94,10 +94,15 @@ def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionMo
         if not isinstance(share, bool):
             raise UserError("not a switch", where="model.share", received=repr(share), allowed="true or false")
         own = {name: _map(cfg, system, name, [trial.at(name) for trial in train]) for name in train[0].contacts}
+        for name, options in own.items() if _remembers(model) else ():
+            options["state"], more = _state(cfg, [trial.at(name) for trial in train])
+            options["scales"] |= more
         return SeveralContacts(**common, contacts=own, balance=_balance_scales(train), share=share)
     own = _map(cfg, system, "", train)
     if _remembers(model):
-        state, more = _state(cfg, system, data)
+        offline, _ = build_smoothing(cfg["smoothing"])
+        noise = input_noise(data.recording, system, offline, train)
+        state, more = _state(cfg, train, mobility(system, train), noise)
         return StateModel(**common, **own | {"scales": own["scales"] | more}, state=state)
     return kind(**common, **own)
 
@@ -117,34 +122,35 @@ def _remembers(model: Config) -> bool:
     return choose(model.get("memory", "windows"), {"windows": False, "state": True}, "model.memory")
 
 
-def check_memory(cfg: Config, system: System) -> None:
+def check_memory(cfg: Config) -> None:
     """Raise :class:`UserError` where a network with a state cannot be what else is asked for."""
     if not _remembers(cfg["model"]):
         return
-    asked = {"system": len(system.contacts) > 1, "ensemble": cfg.get("ensemble", 1) != 1, "rollout": cfg.get("rollout")}
+    asked = {"ensemble": cfg.get("ensemble", 1) != 1, "rollout": cfg.get("rollout")}
     for key, wrong in asked.items():
         if wrong:
-            received = system.name if key == "system" else cfg[key]
-            raise UserError("a network with a state is one network of one contact, simulated as it is trained",
-                            where="model.memory", received=f"state with {key}={received}",
-                            allowed="a system with one contact, ensemble=1, rollout=false",
-                            fix="leave model.memory=windows")  # fmt: skip
+            raise UserError("a network with a state is one network, simulated as it is trained",
+                            where="model.memory", received=f"state with {key}={cfg[key]}",
+                            allowed="ensemble=1, rollout=false", fix="leave model.memory=windows")  # fmt: skip
 
 
-def _state(cfg: Config, system: System, data: TrajectoryData) -> tuple[dict[str, Any], dict[str, float]]:
-    """Options of a :class:`StateModel`, and the scales that it needs beside those of every model."""
-    train = data.select("train")
+def _state(
+    cfg: Config, train: Sequence[ContactTrial], mobility: float = 0.0, noise: dict | None = None
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Options of a :class:`StateModel`, and the scales that it needs beside those of every model.
+
+    Without a mobility and ``noise`` (:func:`.input_noise.input_noise`) it follows the measured motion.
+    """
     options = mapping(cfg["model"], "state", "model")
     elements = options.get("elements", 1)
     if isinstance(elements, bool) or not isinstance(elements, int) or elements < 1:
         raise UserError("impossible number of bristles", where="model.state.elements", received=repr(elements),
                         allowed="a whole number from 1")  # fmt: skip
-    offline, _ = build_smoothing(cfg["smoothing"])
     load = np.concatenate([np.abs(trial.offline["normal_force"]) for trial in train])
-    noise = input_noise(data.recording, system, offline, train)
+    noise = dict(noise or UNTOLD)
     shape = noise.pop("input_shape")
     scales = {
-        "mobility": mobility(system, train),
+        "mobility": mobility,
         "load_low": float(load.min()),
         "load_high": float(load.max()),
         "fastest": max(float(np.abs(trial.offline["v_slip"]).max()) for trial in train),

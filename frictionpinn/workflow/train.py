@@ -77,7 +77,7 @@ def _train(cfg: Config, folder: Path) -> dict[str, Any]:
         return train_robot(cfg, folder, begin)
     announce_compilation(cfg)
     system = build_system(cfg["system"])
-    check_memory(cfg, system)
+    check_memory(cfg)
     check_rollout(cfg, system)
     data, model = prepare(cfg, system)
     vet(cfg, system, data.recording)

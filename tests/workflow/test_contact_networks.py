@@ -19,6 +19,7 @@ from frictionpinn.workflow.build import build_recording, build_system
 from frictionpinn.workflow.estimate import estimate
 from frictionpinn.workflow.evaluate import evaluate
 from frictionpinn.workflow.experiment import build_data, build_model
+from frictionpinn.workflow.export import export
 from frictionpinn.workflow.load import load_run
 from frictionpinn.workflow.options import composed
 from frictionpinn.workflow.train import train
@@ -171,3 +172,49 @@ def test_networks_are_an_estimator_of_the_parameters_of_all_contacts():
     found = estimate("pe1", mechanism, recording.select(["1", "2"]), seed=0, epochs=2)
     assert {"rail.mu_s", "rail.mu_c", "bearing.mu_c"} <= set(found.names) and "bearing.mu_s" not in found.names
     assert found.units["bearing.sigma_0"] == "N*m/rad"
+
+
+@pytest.fixture(scope="module")
+def remembered(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("memory")
+    options = ["experiment=memory", "model=pe2", "system=pob_hinge", "trainer.max_epochs=3"]
+    return folder, train(composed("train", [*SMALL, *options]), folder)
+
+
+def test_networks_with_memory_are_trained_on_the_balance_of_every_contact(remembered):
+    folder, result = remembered
+    _, system, model = load_run(folder)
+    assert [type(model.map_of(name)).__name__ for name in model.contacts] == ["StateModel"] * 2
+    assert {"box.sigma_0", "hinge.mu_c"} <= set(result["parameters"])
+    (trial,) = build_data(result["config"], system).select("held_out")
+    for contact in model.contacts:
+        told = result["force_error"]["contacts"][contact]["model"]["rmse"]
+        assert force_errors(model.map_of(contact), [trial.at(contact)])["rmse"] == pytest.approx(told, rel=1e-5)
+
+
+@pytest.mark.parametrize("variant", ["bb2", "pe2"])
+def test_a_training_with_memory_lowers_the_loss_of_the_balance_of_all_contacts(variant):
+    data, model = built("experiment=memory", f"model={variant}", "system=two_mass")
+    batch = data.batches["train"]
+    optimizer = torch.optim.Adam(model.parameters(), lr=1e-2)
+    losses = []
+    for _ in range(60):
+        optimizer.zero_grad()
+        losses.append(model.losses(batch)["loss"])
+        losses[-1].backward()
+        optimizer.step()
+    assert float(losses[-1].detach()) < 0.9 * float(losses[0].detach())
+    assert all(p.grad is not None for name, p in model.named_parameters() if name.endswith("stiffness"))
+
+
+def test_networks_with_memory_of_several_contacts_may_have_the_same_weights():
+    _, model = built("experiment=memory", "model=bb1", "system=two_mass", "model.share=true")
+    first, second = (model.map_of(name) for name in model.contacts)
+    assert first.network is second.network and first.stiffness is not second.stiffness
+
+
+def test_networks_with_memory_of_several_contacts_are_handed_on_one_by_one(remembered):
+    folder, _ = remembered
+    cfg = composed("evaluate", [f"run={folder}", "export=[c]"])
+    assert set(export(cfg)) == {"box.c", "hinge.c"}
+    assert list((folder / "export" / "c" / "hinge").glob("*.h"))
