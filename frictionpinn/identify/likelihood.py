@@ -43,6 +43,7 @@ from ..numerics.descent import (
 from ..numerics.minima import AT_ONCE, KICKS, assembled, carried, lowest_of_trials
 from ..numerics.parallel import in_parallel
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
+from ..physics.base import plain_name
 from ..physics.mechanism import Mechanism
 from ..progress import counted
 from .problem import Problem
@@ -53,6 +54,8 @@ from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours
 
 BEST = 2  # of the points of a design, and of a grid: these are followed
+# Times the stiffness of the fit: a ring that lasts k periods fits one off as well, at (1 -+ 1/k)^2; k is 3 to 6.
+STIFFNESSES = (0.5, 2.0, 0.7, 1.4)
 UNTOLD_REST = 3.0  # standard deviations of the noise: from where samples tell that a body moves
 BARELY = 3e-5  # m/s or rad/s: three times the usual v_t, slip that mobilises all the friction of a law without memory
 LOUD = 20.0  # times the noise by differences: residuals under a tether that are larger set the level
@@ -131,9 +134,10 @@ def minima_around(
 
     It is first made the lowest that each trial's own unknowns allow (:func:`lowest_of_trials`), where a bristle makes
     these rugged. Searches begin many and a few standard errors away, in directions drawn at random from what the data
-    leave open: when a body stops and breaks away differs there. And what begins at rest may slide either way at once
-    (:func:`beginnings`). Each way begins with its farthest searches and ends where a pair of them comes back: from
-    nearer by, more would.
+    leave open: when a body stops and breaks away differs there. A contact rings, which resolutions next to the sample
+    do not blur: with a bristle, other stiffnesses are followed from the next one. And what begins at rest may slide
+    either way at once (:func:`beginnings`). Each way begins with its farthest searches and ends where a pair of them
+    comes back: from nearer by, more would.
 
     Args:
         problem, evaluate, alone: what is solved, its cost, and that of every trial by itself.
@@ -151,22 +155,25 @@ def minima_around(
         return replace(found.state, u=np.clip(found.state.u + step, *limits))
 
     kicks = [away(kick * errors @ z) for kick, z in zip(KICKS, directions, strict=True)]
-    ways = [kicks, *([state] for state in beginnings(problem, found.state))]
+    ways = [(kicks, widths[-1:])]
+    for at in np.eye(len(values))[[plain_name(name) == "sigma_0" for name in problem.names]]:
+        ways.append(([away(np.log(factor) * at) for factor in STIFFNESSES], widths[-2:]))
+    ways += [([state], widths[-1:]) for state in beginnings(problem, found.state)]
 
-    def followed(begun: Sequence[State], known: list[State]) -> list[Solution | None]:
+    def followed(begun: Sequence[tuple[State, list[float]]], known: list[State]) -> list[Solution | None]:
         def follow(k: int) -> Solution | None:
-            return coarse_to_fine(evaluate, begun[k], limits, widths[-1:], known)
+            return coarse_to_fine(evaluate, begun[k][0], limits, begun[k][1], known)
 
         return in_parallel(follow, [1.0] * len(begun), "minima around the fit")
 
     ends = [found]
     while ways:
-        begun = [(k, first) for k, firsts in enumerate(ways) for first in firsts[:AT_ONCE]]
-        made = followed([first for _, first in begun], [end.state for end in ends])
-        elsewhere = [(k, end) for (k, _), end in zip(begun, made, strict=True) if end is None or end.reason != KNOWN]
+        begun = [(k, first, own) for k, (firsts, own) in enumerate(ways) for first in firsts[:AT_ONCE]]
+        made = followed([(first, own) for _, first, own in begun], [end.state for end in ends])
+        elsewhere = [(k, end) for (k, *_), end in zip(begun, made, strict=True) if end is None or end.reason != KNOWN]
         ends += [end for _, end in elsewhere if end is not None]
         left = {k for k, _ in elsewhere}
-        ways = [firsts[AT_ONCE:] for k, firsts in enumerate(ways) if k in left and firsts[AT_ONCE:]]
+        ways = [(firsts[AT_ONCE:], own) for k, (firsts, own) in enumerate(ways) if k in left and firsts[AT_ONCE:]]
     ends.sort(key=lambda end: end.state.cost)
     offered = carried([*others, *(end.state for end in ends[1:])], ends[0].state.u, limits)
     best = assembled(evaluate, ends[0], offered, limits)
