@@ -19,6 +19,7 @@ CLEAN = 1e-3  # of its root mean square: error of a slip velocity as good as fre
 FINER, REACH = 4, 16  # points of the errors' shape in the time over which they stay alike, and its reach in such times
 
 
+# Of a contact that follows the measured motion: nothing is simulated, and compared over its noise.
 UNTOLD: dict = {"slip_noise": 0.0, "force_noise": 0.0, "input_error": 0.0, "start_error": 0.0, "input_shape": [],
                 "input_step": 0.0}  # fmt: skip
 

@@ -112,7 +112,7 @@ class Problem:
         inside = np.clip([self.scales.start[n] for n in self.names], low, high).tolist()
         self.start = dict(zip(self.names, inside, strict=True))
         self.prior = Prior.of(self.space, self.start, self.fixed)
-        self._calls: list[bool] = []
+        self._calls: list[float] = []  # shares of the recording that were simulated
 
     def _space(self, names: Sequence[str], bounds: Mapping[str, Sequence[float] | None], scales: Scales) -> Space:
         table = {par.name: par for par in self.mechanism.parameters}
@@ -173,7 +173,7 @@ class Problem:
     @property
     def simulations(self) -> int:
         """How often the recording was simulated so far."""
-        return len(self._calls)  # appending is safe in threads
+        return round(sum(self._calls))  # appending is safe in threads
 
     @cached_property
     def resolutions(self) -> list[float]:
@@ -238,7 +238,7 @@ class Problem:
             loss = self.coarse_loss if width else self.loss
             runs = [None] * len(models) if ran is None else [part.run for part in ran.pieces]
             if not derivatives or any(run is None for run in runs):
-                self._calls.append(derivatives)
+                self._calls.append(len(models) / len(self.trials))
             own, taken = options | more, [0] * len(models)
 
             def piece(k: int) -> Piece | None:

@@ -60,8 +60,8 @@ class SeveralContacts(FrictionModel):
                             received=loss["force"], allowed="normalised, with several contacts")  # fmt: skip
         common: dict[str, Any] = {"name": name, "inputs": inputs, "windows": windows, "network": network}
         common |= {"loss": loss, "optimizer": optimizer, "context": context}
-        windows_ = ParameterEstimator if name.startswith("pe") else BlackBox
-        made = {contact: (StateModel if own.get("state") else windows_)(**common, **own)
+        windowed = ParameterEstimator if name.startswith("pe") else BlackBox
+        made = {contact: (StateModel if own.get("state") else windowed)(**common, **own)
                 for contact, own in contacts.items()}  # fmt: skip
         self.maps = nn.ModuleDict(made)
         first = self.map_of(next(iter(contacts)))

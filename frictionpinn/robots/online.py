@@ -80,7 +80,8 @@ class Observer:
         elif a is None:
             self._a = self._a + h / (self.lag + h) * ((v - self._v) / h - self._a)
         a = self._a if a is None else self._checked("a", a)
-        load = self.arm.robot.inverse_dynamics(q[None], v[None], a[None])[0] - self.arm.armature * a
+        bodies = self.arm.robot.inverse_dynamics(q[None], v[None], a[None])[0]  # and the motors' own inertia
+        load = bodies - self.arm.armature * a
         if begins:
             needed = np.where(np.isnan(measured), 0.0, measured - load)
             self._memory, h = self._joints.start(q, v, load, needed), 0.0
@@ -89,8 +90,7 @@ class Observer:
         friction, _ = self._joints.at(t, seen, self._memory, h, self._rates)
         self._memory = self._memory + h * self._rates
         self._t, self._v = t, v
-        torque = load + self.arm.armature * a + friction
-        return Sample(load, friction, torque, measured - torque)
+        return Sample(load, friction, bodies + friction, measured - bodies - friction)
 
     def _checked(self, name: str, x: np.ndarray | None) -> np.ndarray:
         n = len(self.arm.names)

@@ -107,3 +107,11 @@ def test_bounds_hold_the_truth_where_noise_makes_friction_look_viscous():
         mechanism, GaussianNoise(0.05)(clean, 100)
     ).space.bounds  # sliding, the motor seems to have no mu_c
     assert all(low <= truth[name] <= high for name, (low, high) in bounds.items())
+
+
+def test_the_trials_one_by_one_are_one_simulation_of_the_recording_and_cost_as_much(problem):
+    made, (u, locals_) = problem.varied(prior=False), began(problem)
+    alone = [evaluate(u, [own], False) for evaluate, own in zip(made.apart(made.trials), locals_, strict=True)]
+    assert made.simulations == 1
+    assert sum(state.cost for state in alone) == pytest.approx(made.evaluator(made.trials)(u, locals_, False).cost)
+    assert made.simulations == 2
