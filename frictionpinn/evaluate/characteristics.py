@@ -9,7 +9,7 @@ import numpy as np
 import sympy as sp
 
 from ..data.contact import BASE, ContactTrial
-from ..models import FrictionModel, StateModel
+from ..models import FrictionModel, StateEnsemble, StateModel
 from ..numerics.explicit import FORCE, explicit_motion
 from ..numerics.torch_functions import numpy_function
 from ..physics import CONTACT, FrictionLaw, System
@@ -73,7 +73,7 @@ def characteristics(
     slip, load = (column.ravel() for column in np.meshgrid(v, N))
     truth = steady_force(law, parameters, slip, load) if law is not None else None
     shape = (len(N), len(v))
-    if isinstance(model, StateModel):
+    if isinstance(model, StateModel | StateEnsemble):
         seen = model.friction().steady(slip, load).reshape(shape)
         return Characteristics(v, N, seen, None if truth is None else truth.reshape(shape))
     balanced = np.zeros(slip.shape) if truth is None else truth * mobility(system, train)

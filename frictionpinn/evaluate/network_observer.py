@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..data.contact import ContactTrial
-from ..models import FrictionModel, StateModel
+from ..models import FrictionModel, StateEnsemble, StateModel
 from ..numerics.paths import InputPath
 from ..numerics.simulation import ContactLost, SimulationFailed
 from ..physics import LAWS, System
@@ -54,7 +54,7 @@ def applies(system: System, model: FrictionModel) -> bool:
     """
     free = () if system.massless else system.free
     constant = all(system.jacobian[c.name].is_number for c in free)
-    return bool(free) and constant and model.features.length == 1 and not isinstance(model, StateModel)
+    return bool(free) and constant and model.features.length == 1 and not isinstance(model, StateModel | StateEnsemble)
 
 
 class NetworkObserver:

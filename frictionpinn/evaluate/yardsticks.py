@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data.contact import ContactTrial
-from ..models import FrictionModel, StateModel
+from ..models import FrictionModel, StateEnsemble, StateModel
 from ..models.in_motion import InMotion
 from ..numerics.paths import InputPath
 from ..numerics.simulate import Simulator
@@ -67,7 +67,7 @@ def candidates(
         return simulate_model(system, model, path, y0, substeps, integrator)
 
     found = {"model": Candidate(name, online(model), as_trained)}
-    if isinstance(model, StateModel):
+    if isinstance(model, StateModel | StateEnsemble):
         numbers = model.friction()
         found["model"] = Candidate(name, online(model), lambda path, y0: simulate_in_motion(system, numbers, path, y0))
     if in_motion is not None:

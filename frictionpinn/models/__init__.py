@@ -11,6 +11,7 @@ from .joints import JointNetworks, JointTrial
 from .parameter_estimator import ParameterEstimator
 from .several import SeveralContacts
 from .state import StateModel
+from .state_ensemble import StateEnsemble
 
 MODELS = {"bb1": BlackBox, "bb2": BlackBox, "pe1": ParameterEstimator, "pe2": ParameterEstimator}
 
@@ -18,8 +19,13 @@ MODELS = {"bb1": BlackBox, "bb2": BlackBox, "pe1": ParameterEstimator, "pe2": Pa
 def rebuilt(hparams: Mapping[str, Any]) -> FrictionModel:
     """A model from the hyper-parameters of a checkpoint; its state is loaded afterwards."""
     if hparams.get("members"):
-        return FrictionEnsemble.from_hparams(hparams)
+        return ensemble_of([rebuilt(item) for item in hparams["members"]])
     return kind_of(hparams)(**hparams)
+
+
+def ensemble_of(members: list[FrictionModel]) -> FrictionEnsemble:
+    """Members of one kind as one model."""
+    return (StateEnsemble if isinstance(members[0], StateModel) else FrictionEnsemble)(members)
 
 
 def kind_of(hparams: Mapping[str, Any]) -> type[FrictionModel]:
@@ -41,7 +47,9 @@ __all__ = [
     "JointTrial",
     "ParameterEstimator",
     "SeveralContacts",
+    "StateEnsemble",
     "StateModel",
+    "ensemble_of",
     "kind_of",
     "rebuilt",
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache, partial
 from typing import Any
@@ -20,7 +20,6 @@ from .base import Batch, FrictionModel
 from .member import Applied, numbers_of, set_numbers
 from .network_gradient import Pass, rows
 from .optimizers import build_optimizer
-from .parameter_estimator import ParameterEstimator
 
 ALONE = ("adam_plateau", "adam_lbfgs")  # their steps depend on the loss of one training
 
@@ -41,6 +40,7 @@ class FrictionEnsemble(FrictionModel):
     stop_loss: Tensor
     waited: Tensor
     template: FrictionModel
+    numbers = torch.float32  # type of the plain numbers in which members differ
 
     def __init__(self, members: list[FrictionModel]):
         L.LightningModule.__init__(self)  # the networks are the members'
@@ -60,7 +60,7 @@ class FrictionEnsemble(FrictionModel):
         self.sees_rates = first.sees_rates
         weights, buffers = stack_module_state(members)  # type: ignore[arg-type]
         self.names: dict[str, list[str]] = {}
-        for kind, table in (("weight", weights), ("buffer", buffers), ("number", numbers_of(members))):
+        for kind, table in (("weight", weights), ("buffer", buffers), ("number", numbers_of(members, self.numbers))):
             self.names[kind] = list(table)
             for key, value in table.items():
                 self._register(kind, key, value.detach().clone())
@@ -74,13 +74,6 @@ class FrictionEnsemble(FrictionModel):
         self.parts: dict[str, Tensor] = {}
         self.member_parts: dict[str, Tensor] = {}
         self._gradients: dict[str, Tensor] = {}
-
-    @classmethod
-    def from_hparams(cls, hparams: Mapping[str, Any]) -> FrictionEnsemble:
-        """Rebuild from the hyper-parameters of a checkpoint; its state is loaded afterwards."""
-        from . import MODELS
-
-        return cls([MODELS[item["name"]](**item) for item in hparams["members"]])
 
     def _register(self, kind: str, key: str, value: Tensor) -> None:
         place = f"{kind}:{key.replace('.', '/')}"
@@ -114,18 +107,22 @@ class FrictionEnsemble(FrictionModel):
         weights, rest, numbers = (
             {key: value.detach() for key, value in self._table(kind).items()} for kind in ("weight", "buffer", "number")
         )
-        gradient = self._one_by_one if batch["x"].device.type == "cpu" else self._together
-        self._gradients, self.member_parts = gradient(weights, rest, numbers, batch)
+        self._gradients, self.member_parts = self._gradients_of(weights, rest, numbers, batch)
         self.parts = {key: value.mean() for key, value in self.member_parts.items()}
         if self._logs_now():
             self.log("loss/training", self.parts["loss"], on_step=False, on_epoch=True, batch_size=batch["v"].shape[-2])
         return self.parts["loss"].clone().requires_grad_()
 
+    def _gradients_of(self, weights: dict, rest: dict, numbers: dict, batch: Batch) -> tuple[dict, dict]:
+        """Gradients and losses of all members, stacked."""
+        way = self._one_by_one if batch["x"].device.type == "cpu" else self._together
+        return way(weights, rest, numbers, batch)
+
     def _together(self, weights: dict, rest: dict, numbers: dict, batch: Batch) -> tuple[dict, dict]:
-        """Gradients and losses of all members, stacked, as one program: each operation runs once for all."""
+        """As one program: each operation runs once for all."""
 
         def loss(own: dict, rest: dict, numbers: dict, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
-            parts = self._call(FrictionModel.losses, own, rest, numbers, batch)
+            parts = self._call(losses_of, own, rest, numbers, batch)
             return parts["loss"], parts
 
         one = grad_and_value(loss, has_aux=True)
@@ -145,14 +142,23 @@ class FrictionEnsemble(FrictionModel):
         seen = self._rows(batch, *(values[0] for values in scales)) if same else None
 
         def one(k: int) -> tuple[dict, dict]:
-            own, fixed, given = ({key: value[k] for key, value in table.items()} for table in (weights, rest, numbers))
+            own, fixed, given = self._of_member(k, weights, rest, numbers)
             data = batch if data_shared else {key: value[k] for key, value in batch.items()}
             x = seen if seen is not None else self._rows(data, *(values[k] for values in scales))
             return self._by_hand(own, fixed, given, data, x)
 
+        found = self._in_turn(one)
+        return stacked([item[0] for item in found]), stacked([item[1] for item in found])
+
+    @staticmethod
+    def _of_member(k: int, *tables: dict) -> tuple[dict, ...]:
+        """One member's tensors."""
+        return tuple({key: value[k] for key, value in table.items()} for table in tables)
+
+    def _in_turn(self, one: Callable[[int], Any]) -> list:
+        """``one`` of every member, on as many threads as torch has."""
         threads = torch.get_num_threads()
-        found = list((map if threads == 1 else _workers(threads).map)(one, range(self.size)))
-        return _stacked([item[0] for item in found]), _stacked([item[1] for item in found])
+        return list((map if threads == 1 else _workers(threads).map)(one, range(self.size)))
 
     def _rows(self, batch: Batch, mean: Tensor, scale: Tensor) -> Tensor:
         return rows(self.template.network, mean, scale, batch["x"], batch["x_rate"] if self.sees_rates else None)
@@ -163,7 +169,7 @@ class FrictionEnsemble(FrictionModel):
         leaves = {key: value.requires_grad_() for key, value in own.items() if not key.startswith("network.")}
         outputs = tuple(output.requires_grad_() for output in through.outputs)
         with torch.enable_grad():
-            parts = self._call(partial(FrictionModel.losses, outputs=outputs), leaves, fixed, given, batch)
+            parts = self._call(partial(losses_of, outputs=outputs), leaves, fixed, given, batch)
             slopes = torch.autograd.grad(parts["loss"], [*outputs, *leaves.values()])
         found = dict(zip(leaves, slopes[len(outputs) :], strict=True))
         found |= through.gradients(*slopes[: len(outputs)])
@@ -175,17 +181,16 @@ class FrictionEnsemble(FrictionModel):
             parameter.grad = self._gradients[key]
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
-        losses = self.each(FrictionModel.losses, batch)["loss"]
+        losses = self.each(losses_of, batch)["loss"]
         self.validation_losses = losses.detach()
         self.log("loss/validation", losses.mean().detach(), batch_size=batch["v"].shape[-2])
 
     def configure_optimizers(self):
         steps = int(self.trainer.estimated_stepping_batches) if self._trainer is not None else 1000
         table = self._table("weight")
-        physical = [p for name, p in table.items() if name.startswith("law_parameters")]
-        return build_optimizer(
-            self.optimizer_config, [p for p in table.values() if all(p is not q for q in physical)], physical, steps
-        )
+        named = [(any(own in name for own in self.template.own), p) for name, p in table.items()]
+        physical, weights = ([p for own, p in named if own == of_law] for of_law in (True, False))
+        return build_optimizer(self.optimizer_config, weights, physical, steps)
 
     @torch.no_grad()
     def keep_best(self, losses: Tensor, patience: int | None = None, min_delta: float = 0.0) -> bool:
@@ -237,7 +242,7 @@ class FrictionEnsemble(FrictionModel):
     @torch.no_grad()
     def physical_of_members(self) -> dict[str, list[float]]:
         """name -> the parameter's value in every member; empty for black boxes."""
-        if not isinstance(self.template, ParameterEstimator):
+        if getattr(self.template, "law_parameters", None) is None:
             return {}
 
         def values(model: Any, _: Batch) -> dict[str, Tensor]:
@@ -253,13 +258,13 @@ class FrictionEnsemble(FrictionModel):
 
     def members(self) -> list[FrictionModel]:
         """The members as models of their own, with their present weights."""
-        from . import MODELS
+        from . import rebuilt
 
         made = []
         for k, hparams in enumerate(self.hparams["members"]):
-            model = MODELS[hparams["name"]](**hparams)
+            model = rebuilt(hparams)
             state = {**self._table("weight"), **self._table("buffer")}
-            model.load_state_dict({key: value[k] for key, value in state.items()})
+            model.load_state_dict({key: state[key][k] for key in model.state_dict()})
             made.append(model.to(next(iter(self.parameters())).device).eval())
         return made
 
@@ -270,5 +275,10 @@ def _workers(count: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(count, initializer=torch.set_num_threads, initargs=(1,))
 
 
-def _stacked(tables: list[dict[str, Tensor]]) -> dict[str, Tensor]:
+def losses_of(model: FrictionModel, batch: Batch, **known: Any) -> dict[str, Tensor]:
+    """Terms of a member's loss."""
+    return model.losses(batch, **known)
+
+
+def stacked(tables: list[dict[str, Tensor]]) -> dict[str, Tensor]:
     return {key: torch.stack([table[key] for table in tables]) for key in tables[0]}

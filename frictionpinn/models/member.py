@@ -23,17 +23,18 @@ class Applied(nn.Module):
         return self.what(self.model, batch)
 
 
-def numbers_of(members: list[FrictionModel]) -> dict[str, Tensor]:
+def numbers_of(members: list[FrictionModel], dtype: torch.dtype = torch.float32) -> dict[str, Tensor]:
     """Plain numbers in which members may differ, stacked: scales, bounds and the unbounded bristle's scale."""
     tables = [number_table(member) for member in members]
-    return {key: torch.tensor([table[key] for table in tables], dtype=torch.float32) for key in tables[0]}
+    return {key: torch.tensor([table[key] for table in tables], dtype=dtype) for key in tables[0]}
 
 
 def number_table(model: FrictionModel) -> dict[str, Any]:
     table = {f"scales.{name}": value for name, value in model.scales.items()}
     if isinstance(model, ParameterEstimator):
         table["z_scale"] = model.z_scale
-        for name, (low, high) in model.law_parameters.bounds.items():
+    if (law := getattr(model, "law_parameters", None)) is not None:
+        for name, (low, high) in law.bounds.items():
             table |= {f"bounds.{name}.low": low, f"bounds.{name}.high": high}
     return table
 
@@ -44,6 +45,6 @@ def set_numbers(model: FrictionModel, numbers: Mapping[str, Any]) -> dict[str, A
     model.scales = {name: numbers[f"scales.{name}"] for name in model.scales}
     if isinstance(model, ParameterEstimator):
         model.z_scale = numbers["z_scale"]
-        names = model.law_parameters.bounds
-        model.law_parameters.bounds = {n: (numbers[f"bounds.{n}.low"], numbers[f"bounds.{n}.high"]) for n in names}
+    if (law := getattr(model, "law_parameters", None)) is not None:
+        law.bounds = {n: (numbers[f"bounds.{n}.low"], numbers[f"bounds.{n}.high"]) for n in law.bounds}
     return before

@@ -13,7 +13,7 @@ from ..data.contact import ContactTrial
 from ..data.module import TrajectoryData
 from ..errors import UserError, choose
 from ..evaluate.force import reference_force
-from ..models import FrictionEnsemble, FrictionModel
+from ..models import FrictionEnsemble, FrictionModel, ensemble_of
 from ..physics import System
 from .build import Config, seed_of
 from .experiment import build_data, build_model
@@ -58,7 +58,7 @@ def prepare(cfg: Config, system: System) -> tuple[TrajectoryData, FrictionModel]
             split: {key: torch.stack([item[split][key] for item in batches]) for key in table}
             for split, table in batches[0].items()
         }
-    return data, FrictionEnsemble(members)
+    return data, ensemble_of(members)
 
 
 class MembersBest(L.Callback):

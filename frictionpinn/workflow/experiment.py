@@ -126,12 +126,16 @@ def check_memory(cfg: Config) -> None:
     """Raise :class:`UserError` where a network with a state cannot be what else is asked for."""
     if not _remembers(cfg["model"]):
         return
-    asked = {"ensemble": cfg.get("ensemble", 1) != 1, "rollout": cfg.get("rollout")}
-    for key, wrong in asked.items():
+    over_noise = cfg.get("ensemble", 1) != 1 and cfg.get("ensemble_over") == "noise"
+    asked = {  # noise moves where a trial is cut: members would have errors of their inputs in other places
+        "rollout": (cfg.get("rollout"), "it is simulated as it is trained", "rollout=false"),
+        "ensemble_over": (over_noise, "its members are trained on the same samples", "ensemble_over=seed"),
+    }
+    for key, (wrong, why, allowed) in asked.items():
         if wrong:
-            raise UserError("a network with a state is one network, simulated as it is trained",
-                            where="model.memory", received=f"state with {key}={cfg[key]}",
-                            allowed="ensemble=1, rollout=false", fix="leave model.memory=windows")  # fmt: skip
+            raise UserError(f"a network with a state: {why}", where="model.memory",
+                            received=f"state with {key}={cfg[key]}", allowed=allowed,
+                            fix="leave model.memory=windows")  # fmt: skip
 
 
 def _state(

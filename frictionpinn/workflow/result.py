@@ -18,6 +18,7 @@ from ..evaluate.force import CoulombViscousFit, force_errors
 from ..evaluate.picture import save_png
 from ..models import FrictionEnsemble, FrictionModel
 from ..models.base import Batch
+from ..models.ensemble import losses_of
 from ..physics import LAWS, FrictionLaw, System
 from ..physics.base import at_contact, contact_of, plain_name
 from ..physics.contacts import by_parameter, law_named, laws_of
@@ -137,7 +138,7 @@ def truth_at(data: Config, system: System, contact: str) -> tuple[FrictionLaw | 
 def final_losses(model: FrictionModel, batch: Batch) -> dict[str, float]:
     """Terms of the loss on the training samples with the weights that are reported; of an ensemble their means."""
     if isinstance(model, FrictionEnsemble):
-        return {name: float(value.mean().detach()) for name, value in model.each(FrictionModel.losses, batch).items()}
+        return {name: float(value.mean().detach()) for name, value in model.each(losses_of, batch).items()}
     return {name: float(value.detach()) for name, value in model.losses(batch).items()}
 
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from frictionpinn.errors import UserError
-from frictionpinn.models import FrictionEnsemble
+from frictionpinn.models import FrictionEnsemble, ensemble_of
 from frictionpinn.models.network import ACTIVATIONS
 
 
@@ -17,7 +17,7 @@ def members(make, name: str, count: int = 3, **options) -> list:
     made = [make(name, **options) for _ in range(count)]
     for k, model in enumerate(made):
         torch.manual_seed(k)
-        for layer in model.network.layers:
+        for layer in model.network.modules():
             if hasattr(layer, "reset_parameters"):
                 layer.reset_parameters()
     return made
@@ -52,6 +52,20 @@ def test_every_member_takes_the_steps_that_it_would_take_alone(make, batch, name
     for model, member in zip(alone, together.members(), strict=True):
         for key, value in model.state_dict().items():
             assert torch.allclose(member.state_dict()[key], value, rtol=1e-4, atol=1e-6), key
+
+
+@pytest.mark.parametrize("name", ["bb2", "pe1", "pe2"])
+def test_every_member_with_memory_takes_the_steps_that_it_would_take_alone(make, batch, name, monkeypatch):
+    monkeypatch.setattr("frictionpinn.models.state.find_start", lambda model, batch: None)
+    alone = members(make, name, optimizer="adam_onecycle", memory="state")
+    data, together = batch(alone[0]), ensemble_of(copy.deepcopy(alone))
+    start = copy.deepcopy(alone[1].state_dict())
+    for model in (together, *alone):
+        steps(model, data, 5)
+    for model, member in zip(alone, together.members(), strict=True):
+        for key, value in model.state_dict().items():
+            assert torch.allclose(member.state_dict()[key], value, rtol=1e-6, atol=1e-9), key
+    assert not all(torch.equal(start[key], value) for key, value in alone[1].state_dict().items())
 
 
 @pytest.mark.parametrize("activation", list(ACTIVATIONS))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from hydra import compose, initialize_config_dir
@@ -69,3 +70,37 @@ def test_parameters_of_an_estimator_have_their_spread_and_training_resumes(quick
 def test_impossible_ensembles_are_refused(quick, tmp_path, wrong):
     with pytest.raises(UserError, match="ensemble"):
         quick(tmp_path, "model=bb1", wrong)
+
+
+@pytest.fixture(scope="module")
+def remembering(quick, tmp_path_factory):
+    """Two networks with memory."""
+    folder = tmp_path_factory.mktemp("remembering")
+    options = ["experiment=memory", "model=pe2", "ensemble=2", "trainer.checkpoint_every_n_epochs=2"]
+    return folder, quick(folder, *options, epochs=4)
+
+
+def test_the_mean_of_members_with_memory_is_one_network_with_the_bristles_of_all(remembering):
+    folder, _ = remembering
+    _, _, together = load_run(folder)
+    whole, parts = together.friction(), [member.friction() for member in together.members()]
+    z = np.array([2e-5, -1e-5])
+    for v, N in ((3e-2, 12.0), (-2e-3, 15.0), (0.0, 13.0)):
+        forces, rates = zip(*((own.rates(v, N, z[k : k + 1])) for k, own in enumerate(parts)), strict=True)
+        found = whole.rates(v, N, z)
+        assert found[0] == pytest.approx(np.mean(forces)) and found[1:] == pytest.approx(rates)
+
+
+def test_networks_with_memory_are_evaluated_together(remembering):
+    folder, result = remembering
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        cfg = OmegaConf.to_container(compose("evaluate", overrides=[f"run={folder}", *BRIEF]), resolve=True)
+    errors = evaluate(cfg)["errors"]["Traj. 1"]["model"]
+    assert errors["online"]["force_mse"]["value"] > 0 and errors["in_simulation"]["force_mse"]["value"] > 0
+    assert load_run(folder)[2].physical_of_members()["mu_c"] == pytest.approx([0.3, 0.3], rel=0.1)
+    assert result["ensemble"]["members"] == 2
+
+
+def test_networks_with_memory_over_noise_are_refused(quick, tmp_path):
+    with pytest.raises(UserError, match="the same samples"):
+        quick(tmp_path, "experiment=memory", "model=pe2", "ensemble=2", "ensemble_over=noise")
