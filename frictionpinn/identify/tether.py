@@ -28,6 +28,7 @@ from ..numerics.descent import (
     GIVEN,
     NEAR,
     ROUGHLY,
+    UNFINISHED,
     Evaluate,
     Solution,
     State,
@@ -155,6 +156,9 @@ def lowest(path: Path, us: Sequence[np.ndarray], count: int) -> list[np.ndarray]
 def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage]) -> list[Found]:
     """Fits of the whole trials, best first: all starts in the first stage, and from one stage to the next the best of
     these. Another stays beside it as long as it is about as good but elsewhere.
+
+    Where the best comes to no end at the sample, however closely it is held, that is too rugged to begin with: the path
+    is followed from the coarsest resolution instead.
     """
     limits, last = path.problem.space.limits, path.stages[-1]
     begun = [pair for u in us if (pair := begun_at(path.problem, u)) is not None]
@@ -187,6 +191,9 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage]) -> l
                     ends.append(end)
         elif ends and ends[0][0].reason == GIVEN:
             return []
+        rough = replace(path, coarse=True)
+        if ends and ends[0][0].reason == UNFINISHED and stage == stages[0] != rough.stages[0]:
+            return followed(rough, us, rough.stages)
     return ends
 
 

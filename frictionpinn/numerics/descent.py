@@ -30,8 +30,9 @@ MOVES = 50  # times at most are stops moved, a budget: each gains that much in a
 ROUGHLY: dict[str, Any] = {"iterations": 20, "decrease": 0.1}  # of a search at a coarse resolution
 CLOSELY: dict[str, Any] = {"iterations": 20, "decrease": 0.03}  # at the sample; noise levels are refined afterwards
 
-# Reasons of solutions that no descent ended: values to start from, a budget spent, a minimum that is known.
-GIVEN, BUDGET, KNOWN = "as given", "budget", "known"
+# Reasons of solutions that no descent ended: values to start from, a budget spent, a minimum that is known; and of one
+# that came to no end.
+GIVEN, BUDGET, KNOWN, UNFINISHED = "as given", "budget", "known", "too many iterations"
 
 
 @dataclass(frozen=True)
@@ -297,7 +298,7 @@ def _descended(
         state = found
         if small > 1:
             return Solution(state, "converged")
-    return Solution(state, "too many iterations")
+    return Solution(state, UNFINISHED)
 
 
 def coarse_to_fine(

@@ -72,6 +72,17 @@ def test_let_go_the_fit_ends_in_the_minimum_of_the_truth(box):
     assert solution.state.cost < reference.state.cost + 1.0
 
 
+def test_a_search_that_comes_to_no_end_at_the_sample_begins_at_the_coarsest_resolution(box, monkeypatch):
+    problem, _ = box
+    path, asked, cost = Path(problem, tethered(problem), problem.sigmas), [], Path.cost
+    monkeypatch.setattr(Path, "cost", lambda self, models, stage: asked.append(stage) or cost(self, models, stage))
+    monkeypatch.setattr("frictionpinn.identify.tether.ROUGHLY", {"iterations": 1, "decrease": 0.1})
+    found = followed(path, [problem.space.to_search(problem.start)], path.stages)
+    widths = [width for _, width in asked]
+    assert found and asked[0] == path.stages[0]
+    assert widths[1] == problem.resolutions[0] > widths[0] and widths[1:] == sorted(widths[1:], reverse=True)
+
+
 def test_a_held_cost_counts_among_the_problems_simulations(box):
     problem, truth = box
     before = problem.simulations
