@@ -10,6 +10,7 @@ from omegaconf import OmegaConf
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem
+from frictionpinn.identify.likelihood import _held_again
 from frictionpinn.identify.start import coarse_design
 from frictionpinn.identify.tether import FADING, LONGEST, RATE, Path, followed, held_by, lowest, tethered, tethers
 from frictionpinn.numerics.descent import levenberg_marquardt
@@ -70,6 +71,20 @@ def test_let_go_the_fit_ends_in_the_minimum_of_the_truth(box):
     begun = evaluate(problem.space.to_search(truth), [m.local[: m.size(problem.joint)] for m in models], True)
     reference = levenberg_marquardt(evaluate, begun, problem.space.limits)
     assert solution.state.cost < reference.state.cost + 1.0
+
+
+def test_held_again_a_motion_that_was_lost_is_found(box):
+    problem, truth = box
+    models, limits, evaluate = problem.trials, problem.space.limits, problem.evaluator(problem.trials)
+
+    def minimum(values):
+        begun = evaluate(problem.space.to_search(values), [m.local[: m.size(problem.joint)] for m in models], True)
+        return levenberg_marquardt(evaluate, begun, limits)
+
+    right, lost = minimum(truth), minimum(truth | {"mu_c": 0.7 * truth["mu_c"]})
+    assert lost.state.cost > right.state.cost + 50.0
+    found = _held_again(problem, tethered(problem), models, lost, problem.sigmas)
+    assert found.state.cost < right.state.cost + 1.0
 
 
 def test_a_held_cost_counts_among_the_problems_simulations(box):
