@@ -121,7 +121,6 @@ def maximum_likelihood(
         costs = problem.evaluator(models, sigmas), problem.apart(models, sigmas)
         minima = minima_around(problem, *costs, solution, others)
         solution, sigmas = _settled(problem, models, minima[0], sigmas)
-
     evaluate = problem.evaluator(models, sigmas)
     beside = neighbours(evaluate, solution.state, problem.space.limits) if len(minima) > 1 else []
     white = _white(problem, solution.state)
@@ -193,8 +192,7 @@ def _held_again(
     evaluate, path, limits = problem.evaluator(models, sigmas), Path(problem, held, sigmas), problem.space.limits
     while ends := followed(path, [found.state.u], path.stages):
         end = ends[0][0]
-        state = evaluate(end.state.u, end.state.locals, True)
-        if state is None:
+        if (state := evaluate(end.state.u, end.state.locals, True)) is None:
             break
         offered = carried([found.state], state.u, limits)
         lower = assembled(evaluate, replace(end, state=state), offered, limits)

@@ -73,7 +73,6 @@ def test_let_go_the_fit_ends_in_the_minimum_of_the_truth(box):
     assert solution.state.cost < reference.state.cost + 1.0
 
 
-<<<<<<< HEAD
 def test_a_search_that_comes_to_no_end_at_the_sample_begins_at_the_coarsest_resolution(box, monkeypatch):
     problem, _ = box
     path, asked, cost = Path(problem, tethered(problem), problem.sigmas), [], Path.cost
@@ -83,7 +82,8 @@ def test_a_search_that_comes_to_no_end_at_the_sample_begins_at_the_coarsest_reso
     widths = [width for _, width in asked]
     assert found and asked[0] == path.stages[0]
     assert widths[1] == problem.resolutions[0] > widths[0] and widths[1:] == sorted(widths[1:], reverse=True)
-=======
+
+
 def test_held_again_a_motion_that_was_lost_is_found(box):
     problem, truth = box
     models, limits, evaluate = problem.trials, problem.space.limits, problem.evaluator(problem.trials)
@@ -96,7 +96,6 @@ def test_held_again_a_motion_that_was_lost_is_found(box):
     assert lost.state.cost > right.state.cost + 50.0
     found = _held_again(problem, tethered(problem), models, lost, problem.sigmas)
     assert found.state.cost < right.state.cost + 1.0
->>>>>>> contacts25
 
 
 def test_a_held_cost_counts_among_the_problems_simulations(box):
