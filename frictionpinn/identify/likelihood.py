@@ -11,8 +11,7 @@ by whole samples (:mod:`frictionpinn.numerics.stops`). So the search goes
    (:func:`_settled`);
 2. where that leaves what is not white, the same from other starts, before that from a coarse resolution in time to the
    sample: a design over what the sliding samples do not tell and a grid over what moves together, those that fit best
-   held by the shortest tether (:func:`_elsewhere`); and from the parameters where the best of these ended, as long as
-   that ends lower (:func:`_held_again`);
+   held by the shortest tether (:func:`_elsewhere`);
 3. around what was found, with a bristle in each trial's own unknowns (:func:`lowest_of_trials`), and by ways that show
    other minima of the parameters (:func:`minima_around`). Trials share the parameters alone: the likelihood has its
    minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each trial has been
@@ -33,7 +32,6 @@ from ..errors import UserError
 from ..numerics.descent import (
     CLOSELY,
     KNOWN,
-    SAME_MINIMUM,
     Evaluate,
     Solution,
     State,
@@ -112,8 +110,7 @@ def maximum_likelihood(
         ends.sort(key=lambda end: end[0].state.cost)
         if not ends:
             return failed(problem, time.perf_counter() - began, problem.simulations - before)
-        (solution, sigmas), models = _settled(problem, ends[0][1], ends[0][0], sigmas), ends[0][1]
-        settled = _settled(problem, models, _held_again(problem, held, models, solution, sigmas), sigmas)
+        settled = _settled(problem, ends[0][1], ends[0][0], sigmas)
     (solution, sigmas), models = settled, ends[0][1]
     minima = [solution]
     if thorough:
@@ -180,26 +177,6 @@ def minima_around(
     offered = carried([*others, *(end.state for end in ends[1:])], ends[0].state.u, limits)
     best = assembled(evaluate, ends[0], offered, limits)
     return [best, *(end for end in ends if not same_minimum(best.state, end.state))]
-
-
-def _held_again(
-    problem: Problem, held: Problem | None, models: Sequence[TrialModel], found: Solution, sigmas: Mapping[str, float]
-) -> Solution:
-    """The minimum, or the lower one to which a path leads that begins with its parameters, and so on from there.
-
-    The better the parameters with which it begins, the less of the motion is lost while it is let go of.
-    """
-    evaluate, path, limits = problem.evaluator(models, sigmas), Path(problem, held, sigmas), problem.space.limits
-    while ends := followed(path, [found.state.u], path.stages):
-        end = ends[0][0]
-        if (state := evaluate(end.state.u, end.state.locals, True)) is None:
-            break
-        offered = carried([found.state], state.u, limits)
-        lower = assembled(evaluate, replace(end, state=state), offered, limits)
-        if lower.state.cost > found.state.cost - SAME_MINIMUM:
-            break
-        found = lower
-    return found
 
 
 def beginnings(problem: Problem, state: State) -> list[State]:

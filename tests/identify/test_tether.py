@@ -10,7 +10,6 @@ from omegaconf import OmegaConf
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem
-from frictionpinn.identify.likelihood import _held_again
 from frictionpinn.identify.start import coarse_design
 from frictionpinn.identify.tether import FADING, LONGEST, RATE, Path, followed, held_by, lowest, tethered, tethers
 from frictionpinn.numerics.descent import levenberg_marquardt
@@ -82,20 +81,6 @@ def test_a_search_that_comes_to_no_end_at_the_sample_begins_at_the_coarsest_reso
     widths = [width for _, width in asked]
     assert found and asked[0] == path.stages[0]
     assert widths[1] == problem.resolutions[0] > widths[0] and widths[1:] == sorted(widths[1:], reverse=True)
-
-
-def test_held_again_a_motion_that_was_lost_is_found(box):
-    problem, truth = box
-    models, limits, evaluate = problem.trials, problem.space.limits, problem.evaluator(problem.trials)
-
-    def minimum(values):
-        begun = evaluate(problem.space.to_search(values), [m.local[: m.size(problem.joint)] for m in models], True)
-        return levenberg_marquardt(evaluate, begun, limits)
-
-    right, lost = minimum(truth), minimum(truth | {"mu_c": 0.7 * truth["mu_c"]})
-    assert lost.state.cost > right.state.cost + 50.0
-    found = _held_again(problem, tethered(problem), models, lost, problem.sigmas)
-    assert found.state.cost < right.state.cost + 1.0
 
 
 def test_a_held_cost_counts_among_the_problems_simulations(box):
