@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import lightning as L
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.func import jvp
 
 from ..data.contact import ContactTrial
@@ -159,10 +159,14 @@ class FrictionModel(L.LightningModule):
         self.log("loss/validation", loss, batch_size=samples(batch))
 
     def configure_optimizers(self):
+        return self._optimizer_of(self.named_parameters(), self.own)
+
+    def _optimizer_of(self, named: Iterable[tuple[str, nn.Parameter]], physical: Sequence[str]) -> Any:
+        """The optimizer; parameters whose names hold one of ``physical`` have a step size of theirs."""
         steps = int(self.trainer.estimated_stepping_batches) if self._trainer is not None else 1000
-        named = [(any(own in name for own in self.own), p) for name, p in self.named_parameters()]
-        physical, weights = ([p for own, p in named if own == of_law] for of_law in (True, False))
-        return build_optimizer(self.optimizer_config, weights, physical, steps)
+        told = [(any(own in name for own in physical), p) for name, p in named]
+        of_law, weights = ([p for own, p in told if own == wanted] for wanted in (True, False))
+        return build_optimizer(self.optimizer_config, weights, of_law, steps)
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Tell in one line when the checkpoint belongs to another model."""

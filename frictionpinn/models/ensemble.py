@@ -19,7 +19,6 @@ from ..errors import UserError
 from .base import Batch, FrictionModel
 from .member import Applied, numbers_of, set_numbers
 from .network_gradient import Pass, rows
-from .optimizers import build_optimizer
 
 ALONE = ("adam_plateau", "adam_lbfgs")  # their steps depend on the loss of one training
 
@@ -186,11 +185,7 @@ class FrictionEnsemble(FrictionModel):
         self.log("loss/validation", losses.mean().detach(), batch_size=batch["v"].shape[-2])
 
     def configure_optimizers(self):
-        steps = int(self.trainer.estimated_stepping_batches) if self._trainer is not None else 1000
-        table = self._table("weight")
-        named = [(any(own in name for own in self.template.own), p) for name, p in table.items()]
-        physical, weights = ([p for own, p in named if own == of_law] for of_law in (True, False))
-        return build_optimizer(self.optimizer_config, weights, physical, steps)
+        return self._optimizer_of(self._table("weight").items(), self.template.own)  # type: ignore[arg-type]
 
     @torch.no_grad()
     def keep_best(self, losses: Tensor, patience: int | None = None, min_delta: float = 0.0) -> bool:

@@ -20,6 +20,14 @@ ROOT = Path(__file__).resolve().parents[2]
 BRIEF = ["grid=11", "substeps=1", "trajectories.pob=[{name: Traj. 1, duration: 0.4, theta: '45*deg*sin(2*pi*t)'}]"]
 
 
+def evaluated(folder: Path) -> list[float]:
+    """Mean square errors of a run's force, online and in simulation, on a brief trajectory."""
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        cfg = OmegaConf.to_container(compose("evaluate", overrides=[f"run={folder}", *BRIEF]), resolve=True)
+    errors = evaluate(cfg)["errors"]["Traj. 1"]["model"]
+    return [errors[way]["force_mse"]["value"] for way in ("online", "in_simulation")]
+
+
 @pytest.fixture(scope="module")
 def run(quick, tmp_path_factory):
     """Three members over noise, with a checkpoint at every second epoch."""
@@ -49,10 +57,7 @@ def test_the_interval_and_its_coverage_stand_in_the_result(run):
 
 def test_an_ensemble_is_evaluated_like_a_single_network(run):
     folder, _ = run
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        cfg = OmegaConf.to_container(compose("evaluate", overrides=[f"run={folder}", *BRIEF]), resolve=True)
-    errors = evaluate(cfg)["errors"]["Traj. 1"]["model"]
-    assert errors["online"]["force_mse"]["value"] > 0 and errors["in_simulation"]["force_mse"]["value"] > 0
+    assert all(error > 0 for error in evaluated(folder))
 
 
 def test_parameters_of_an_estimator_have_their_spread_and_training_resumes(quick, tmp_path):
@@ -93,10 +98,7 @@ def test_the_mean_of_members_with_memory_is_one_network_with_the_bristles_of_all
 
 def test_networks_with_memory_are_evaluated_together(remembering):
     folder, result = remembering
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        cfg = OmegaConf.to_container(compose("evaluate", overrides=[f"run={folder}", *BRIEF]), resolve=True)
-    errors = evaluate(cfg)["errors"]["Traj. 1"]["model"]
-    assert errors["online"]["force_mse"]["value"] > 0 and errors["in_simulation"]["force_mse"]["value"] > 0
+    assert all(error > 0 for error in evaluated(folder))
     assert load_run(folder)[2].physical_of_members()["mu_c"] == pytest.approx([0.3, 0.3], rel=0.1)
     assert result["ensemble"]["members"] == 2
 
