@@ -18,7 +18,7 @@ from ..evaluate.page import terminal_table, write_page
 from ..evaluate.picture import save_png
 from ..evaluate.published import add_published
 from ..evaluate.trajectory import Trajectory, compare
-from ..models import FrictionModel
+from ..models import FrictionEnsemble, FrictionModel
 from ..physics import System
 from .build import Config, build_system
 from .configs import called
@@ -80,7 +80,8 @@ def evaluate(cfg: Config) -> dict[str, Any]:
     page = write_page(folder / "report.html", result, figures)
     log.info(terminal_table(result))
     log.info(f"figures, result.json and the page {page.name} are in {folder}")
-    log.info(f"next: {called('evaluate')} run={cfg['run']} export=c (or onnx, mujoco) hands the model on")
+    if not isinstance(model, FrictionEnsemble):  # not handed on as one model
+        log.info(f"next: {called('evaluate')} run={cfg['run']} export=c (or onnx, mujoco) hands the model on")
     return result
 
 
