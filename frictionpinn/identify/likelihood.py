@@ -9,10 +9,10 @@ by whole samples (:mod:`frictionpinn.numerics.stops`). So the search goes
 1. over whole trials, noisy inputs among the unknowns, held to the motion that was measured and let go of, each minimum
    the start of the next (:mod:`frictionpinn.identify.tether`), at the noise levels that the residuals show
    (:func:`_settled`);
-2. where that leaves what is not white, the same from other starts, before that from a coarse resolution in time to the
-   sample: a design over what the sliding samples do not tell and a grid over what moves together, those that fit best
-   held by the shortest tether (:func:`_elsewhere`);
-3. around what was found, with a bristle in each trial's own unknowns (:func:`lowest_of_trials`), and by ways that show
+2. where that leaves what is not white, the same from a coarse resolution in time to the sample before;
+3. where that does, too, from other starts: a design over what the sliding samples do not tell and a grid over what
+   moves together, those that fit best held by the shortest tether (:func:`_elsewhere`);
+4. around what was found, with a bristle in each trial's own unknowns (:func:`lowest_of_trials`), and by ways that show
    other minima of the parameters (:func:`minima_around`). Trials share the parameters alone: the likelihood has its
    minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each trial has been
    there, and they are put together (:func:`frictionpinn.numerics.minima.assembled`).
@@ -101,13 +101,16 @@ def maximum_likelihood(
     before = problem.simulations
     given = [problem.start] if start is None else [problem.start, problem.start | dict(start)]
     us, held, sigmas = [problem.space.to_search(p) for p in given], tethered(problem), dict(problem.sigmas)
-    path = Path(problem, held, sigmas)
-    ends = followed(path, us, path.stages)
-    settled = _settled(problem, ends[0][1], ends[0][0], sigmas) if ends else None
-    if settled is None or not _white(problem, settled[0].state):  # another start may explain more
+    ends, settled = list[Found](), None
+    for coarse in (False, True) if held else (True,):
+        path = Path(problem, held, sigmas, coarse)
+        ends = sorted([*ends, *followed(path, us, path.stages)], key=lambda end: end[0].state.cost)
+        settled = _settled(problem, ends[0][1], ends[0][0], sigmas) if ends else None
+        if settled is not None and _white(problem, settled[0].state):
+            break
+    else:  # another start may explain more
         found, sigmas = _elsewhere(problem, held)
-        ends = [*found, *_again(problem, ends[:1], sigmas)]
-        ends.sort(key=lambda end: end[0].state.cost)
+        ends = sorted([*found, *_again(problem, ends[:1], sigmas)], key=lambda end: end[0].state.cost)
         if not ends:
             return failed(problem, time.perf_counter() - began, problem.simulations - before)
         settled = _settled(problem, ends[0][1], ends[0][0], sigmas)

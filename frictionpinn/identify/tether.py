@@ -114,7 +114,8 @@ class Path:
         problem: what is solved.
         held: :func:`tethered`, or None where nothing holds the motion.
         sigmas: noise standard deviations by signal, SI units.
-        coarse: whether it begins at the coarsest resolution: else at the sample, where a tether holds the motion.
+        coarse: whether it begins at the coarsest resolution, which it must where nothing holds the motion: else at the
+            sample.
     """
 
     problem: Problem
@@ -126,7 +127,7 @@ class Path:
     def stages(self) -> tuple[Stage, ...]:
         """Tether, 1/s, and resolution in time, s, one after another."""
         closest, *rest = [*(1 / tau for tau in tethers(self.problem) if self.held), 0.0]
-        widths = self.problem.resolutions[0 if self.coarse or self.held is None else -1 :]
+        widths = self.problem.resolutions[0 if self.coarse else -1 :]
         return (*((closest, width) for width in widths), *((tether, 0.0) for tether in rest))
 
     def cost(self, models: Sequence[TrialModel], stage: Stage) -> Evaluate:
@@ -157,8 +158,7 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage]) -> l
     """Fits of the whole trials, best first: all starts in the first stage, and from one stage to the next the best of
     these. Another stays beside it as long as it is about as good but elsewhere.
 
-    Where the best comes to no end at the sample, however closely it is held, that is too rugged to begin with: the path
-    is followed from the coarsest resolution instead.
+    None where the best comes to no end at the sample, however closely it is held: that is too rugged to begin with.
     """
     limits, last = path.problem.space.limits, path.stages[-1]
     begun = [pair for u in us if (pair := begun_at(path.problem, u)) is not None]
@@ -191,9 +191,8 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage]) -> l
                     ends.append(end)
         elif ends and ends[0][0].reason == GIVEN:
             return []
-        rough = replace(path, coarse=True)
-        if ends and ends[0][0].reason == UNFINISHED and stage == stages[0] != rough.stages[0]:
-            return followed(rough, us, rough.stages)
+        if not path.coarse and stage == stages[0] and ends and ends[0][0].reason == UNFINISHED:
+            return []
     return ends
 
 

@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
-from frictionpinn.identify import Problem
+from frictionpinn.identify import Problem, maximum_likelihood
 from frictionpinn.identify.start import coarse_design
 from frictionpinn.identify.tether import FADING, LONGEST, RATE, Path, followed, held_by, lowest, tethered, tethers
 from frictionpinn.numerics.descent import levenberg_marquardt
@@ -72,15 +72,28 @@ def test_let_go_the_fit_ends_in_the_minimum_of_the_truth(box):
     assert solution.state.cost < reference.state.cost + 1.0
 
 
-def test_a_search_that_comes_to_no_end_at_the_sample_begins_at_the_coarsest_resolution(box, monkeypatch):
+def test_a_path_whose_first_search_at_the_sample_comes_to_no_end_is_not_walked(box, monkeypatch):
     problem, _ = box
     path, asked, cost = Path(problem, tethered(problem), problem.sigmas), [], Path.cost
     monkeypatch.setattr(Path, "cost", lambda self, models, stage: asked.append(stage) or cost(self, models, stage))
     monkeypatch.setattr("frictionpinn.identify.tether.ROUGHLY", {"iterations": 1, "decrease": 0.1})
-    found = followed(path, [problem.space.to_search(problem.start)], path.stages)
-    widths = [width for _, width in asked]
-    assert found and asked[0] == path.stages[0]
-    assert widths[1] == problem.resolutions[0] > widths[0] and widths[1:] == sorted(widths[1:], reverse=True)
+    assert followed(path, [problem.space.to_search(problem.start)], path.stages) == []
+    assert set(asked) == {path.stages[0]}
+
+
+@pytest.mark.parametrize("whites", [[True], [False, True]])
+def test_what_is_not_white_is_looked_for_from_the_coarsest_resolution_before_other_starts(box, monkeypatch, whites):
+    problem, _ = box
+    told, walked = iter([*whites, True]), []
+
+    def walk(path, us, stages):
+        walked.append([width for _, width in stages if width])
+        return followed(path, us, stages)
+
+    monkeypatch.setattr("frictionpinn.identify.likelihood._white", lambda *_: next(told))
+    monkeypatch.setattr("frictionpinn.identify.likelihood.followed", walk)
+    maximum_likelihood(problem, thorough=False, profiles=False)
+    assert walked == [[], problem.resolutions[:-1]][: len(whites)]
 
 
 def test_a_held_cost_counts_among_the_problems_simulations(box):
@@ -140,4 +153,6 @@ def test_from_other_starts_resolutions_grow_finer_under_the_shortest_tether_befo
     assert widths[:first] == tuple(problem.resolutions) and not any(widths[first:])
     assert len({*tethers_[:first]}) == 1 and tethers_[-1] == 0
     assert Path(problem, tethered(problem), problem.sigmas).stages[0] == (tethers_[0], 0.0)
-    assert Path(problem, None, problem.sigmas).stages == tuple((0.0, width) for width in problem.resolutions)
+    assert Path(problem, None, problem.sigmas, coarse=True).stages == tuple(
+        (0.0, width) for width in problem.resolutions
+    )
