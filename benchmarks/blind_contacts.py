@@ -44,6 +44,7 @@ from frictionpinn.physics import SYSTEMS
 from frictionpinn.physics.base import CONTACT
 from frictionpinn.physics.contacts import by_parameter, law_named
 from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.workflow.provenance import commit
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS, NOISE, RATE = ROOT / "benchmarks" / "results", 0.05, 100.0
@@ -178,7 +179,7 @@ def run(kind: str, seed: int) -> dict:
     own = draw(kind, seed)
     recording, names, began = own.recording, own.recording.names, time.perf_counter()
     case = {"kind": kind, "seed": seed, "system": own.mechanism.system.name, "effect": own.effect, "values": own.values,
-            "told": own.told}  # fmt: skip
+            "told": own.told, "commit": (commit() or "")[:7]}  # fmt: skip
     try:
         d = diagnose(own.mechanism, recording.select(names[:-1]), recording.select(names[-1:]))
     except Exception as error:
