@@ -158,7 +158,7 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage]) -> l
     """Fits of the whole trials, best first: all starts in the first stage, and from one stage to the next the best of
     these. Another stays beside it as long as it is about as good but elsewhere.
 
-    None where the best comes to no end at the sample, however closely it is held: that is too rugged to begin with.
+    Empty where the best comes to no end at the sample, however closely it is held: that is too rugged to begin with.
     """
     limits, last = path.problem.space.limits, path.stages[-1]
     begun = [pair for u in us if (pair := begun_at(path.problem, u)) is not None]
