@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 
 from ..numerics.motion import Motion, typical
 from ..numerics.motion_function import motion_function
+from ..numerics.whiteness import correlation_time
 from ..physics.base import CONTACT, V_T, at_contact, plain_name
 from ..physics.beforehand import EXCESS, STRIBECK
 from ..physics.friction import CoulombViscous
@@ -50,7 +51,9 @@ class Scales:
         beside that if a hidden one is free: it would not show.
         """
         known = typical(mechanism) | dict(fixed)
-        found = _sliding_regression(mechanism, motions, known, names)
+        found, errors = _sliding_regression(mechanism, motions, known, names)
+        # What is told to be less than its own error may be as much, and of a start far too small no slope tells.
+        found |= {name: max(found[name], error) for name, error in errors.items()}
         known |= found
         rough, alone = dict[str, float](), dict[str, float]()
         masses, sizes = dict[str, float | None](), dict[str, Sizes]()
@@ -133,12 +136,13 @@ def default_bounds(
 
 def _sliding_regression(
     mechanism: Mechanism, motions: Sequence[Motion], values: Mapping[str, float], free: Sequence[str]
-) -> dict[str, float]:
+) -> tuple[dict[str, float], dict[str, float]]:
     """Least squares on the sliding samples: (E + sum_k J_k (mu_c F_N sign(v) + sigma_2 v + forces of effects)_k)
     / inertia = 0.
 
     Returns mu_c, sigma_2, parameters of the system and strengths of effects, as far as they are free; the strengths
-    whose force follows from the motion alone. ``values`` are all parameters, start values of the free ones.
+    whose force follows from the motion alone; and the standard errors of mu_c and sigma_2. ``values`` are all
+    parameters, start values of the free ones.
     """
     system = mechanism.system
     own = {par.name: par.neutral is not None for par in system.parameters}  # forces may be zero or negative
@@ -146,7 +150,7 @@ def _sliding_regression(
     guessed = {n: shares[plain_name(n)] for n in free if plain_name(n) in shares}
     names = [n for n in free if n in guessed or own.get(n) is False]
     if not names or not any(motion.fast.any() for motion in motions):
-        return {}
+        return {}, {}
     neutral = {par.symbol: par.neutral for par in mechanism.parameters if par.neutral is not None}
     told = {s for c in system.moving for s in c.symbols}
     told |= {par.symbol for par in mechanism.parameters if par.name not in free}
@@ -204,7 +208,33 @@ def _sliding_regression(
 
     start = np.append(np.log([max(guess[name], 1e-9) for name in names]), np.zeros(len(extra)))
     bounds = start - 12, start + 8
-    return parameters(least_squares(residual, start, loss="soft_l1", f_scale=0.3, max_nfev=60, bounds=bounds).x)
+    best = parameters(least_squares(residual, start, loss="soft_l1", f_scale=0.3, max_nfev=60, bounds=bounds).x)
+    cuts = np.cumsum([motion.fast.sum() for motion in motions])[:-1]
+    return best, {name: _error(functions, stacked, known | best, name, cuts) for name in guessed}
+
+
+def _error(
+    functions: Sequence[Callable],
+    stacked: Mapping[str, np.ndarray],
+    p: Mapping[str, float],
+    name: str,
+    cuts: np.ndarray,
+) -> float:
+    """Standard error of a coefficient of friction beside known others, each equation's residuals as large and as long
+    correlated as they are: a stiff coupling turns noise of positions into forces that friction hides in.
+
+    Args:
+        functions: the equations over their inertia, linear in the coefficient.
+        stacked: the sliding samples of all trials, which begin anew at the ``cuts``.
+        p: all parameters.
+    """
+    information = 0.0
+    for f in functions:
+        left = f(stacked, p)
+        level = float(np.mean(left**2)) * correlation_time(np.split(left, cuts))
+        slope = f(stacked, {**p, name: p[name] + 1.0}) - left
+        information += float(slope @ slope) / max(level, 1e-300)
+    return 1 / np.sqrt(max(information, 1e-300))
 
 
 def _effective_mass(
