@@ -29,7 +29,6 @@ STEPS = 4  # of the recursion per sample: slip velocity to 1e-4 m/s on the pendu
 GAIN = 0.05  # share of that correction, per sample, where the model is used online
 PRESLIDING = 1e-2  # share of v^2 / a that a bristle bends: where its training starts
 SHARP = -3.0  # where training starts: n = 1.05, an exponential saturation, whose step is nearly exact
-WEIGHT = 100.0  # of the network's departure from its law: a percent at most unless the data insist
 FAR = 50.0  # noises: a residual that diverged
 
 
@@ -41,7 +40,7 @@ class StateModel(FrictionModel):
     the stiffness is free to move under it. Through the motion ``loss.weight`` keeps small how T and r depend on the
     load. No closed cycle of motion gives energy (:mod:`..numerics.state_recursions`). A parameter estimator has the
     law's one bristle: kappa = sigma_0, c = sigma_1, n = 1, no gap, N T = capacity / sigma_0 times exp(network), a
-    departure from the law that ``loss.weight`` keeps small, and r = sigma_2. The network is read at the knots of a
+    departure from the law that the weight keeps small, and r = sigma_2. The network is read at the knots of a
     table, which recursion, simulation and export share. Static friction and Stribeck velocity are weakly held to
     what is known of them beforehand (:mod:`..physics.beforehand`) where a training through the motion estimates
     them.
@@ -57,8 +56,8 @@ class StateModel(FrictionModel):
 
     Args:
         state: ``elements``, ``gaps`` (whether a bristle has play), ``delay`` (whether the measured force comes early
-            by a time that is estimated too), ``lengths`` (samples of every segment, by training trial, see
-            :func:`segments`), ``input_shape`` (:func:`..data.input_noise.shape`).
+            by a time that is estimated too), ``weight`` (where ``loss`` has none), ``lengths`` (samples of every
+            segment, by training trial, see :func:`segments`), ``input_shape`` (:func:`..data.input_noise.shape`).
         law: of a parameter estimator, see :class:`.parameter_estimator.ParameterEstimator`.
         scales: beside :func:`.start.data_scales` mobility, load_low, load_high, fastest, step and those of input_noise.
         others: see :class:`.base.FrictionModel`.
@@ -77,6 +76,7 @@ class StateModel(FrictionModel):
         self.save_hyperparameters(logger=False)
         del self.network  # of the windows
         scales, options = self.scales, dict(state)
+        self.weight = float(self.loss.get("weight", options.get("weight", 1.0)))
         self.K = 1 if law else int(options["elements"])
         self.moving = scales["mobility"] > 0 and "a_frictionless" in self.features.inputs
         self.through = through(self.loss.get("through"), self.moving, scales)
@@ -255,12 +255,11 @@ class StateModel(FrictionModel):
             parts, told = self._through_motion(batch, own)
         else:
             parts, told = self._through_balance(batch)
-        weight = float(self.loss.get("weight", WEIGHT))
         if self.law_parameters is not None:
             parts |= self.beside(batch, {"told": told})
         elif self.through == "motion":  # in noises: beside a force balance, which has none, the weight means nothing
             by_load = told.reshape(KNOTS, LOADS, -1)
-            parts["consistency"] = weight * (by_load - by_load.mean(1, keepdim=True)).square().mean()
+            parts["consistency"] = self.weight * (by_load - by_load.mean(1, keepdim=True)).square().mean()
         parts["loss"] = sum(parts.values(), start=torch.zeros((), dtype=torch.float64))
         return parts
 
@@ -269,7 +268,7 @@ class StateModel(FrictionModel):
         if self.law_parameters is None:
             return {}
         told = predicted["told"] if "told" in predicted else self.tables()[2]
-        return {"consistency": float(self.loss.get("weight", WEIGHT)) * told.square().mean()}
+        return {"consistency": self.weight * told.square().mean()}
 
     def _through_balance(self, batch: Batch) -> tuple[dict[str, Tensor], Tensor]:
         found = self._along(batch, False, 0.0, False)
