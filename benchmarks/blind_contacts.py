@@ -113,9 +113,11 @@ def told(mechanism: Mechanism, truth: dict[str, float], seen: Recording, strengt
     value = best.space.to_search(best.values)[place[strength]]
 
     def beside(*others: str) -> float:
-        own = [place[name] for name in (strength, *law, *others)]
-        covariance = np.linalg.pinv(best.information[np.ix_(own, own)], rcond=1e-13, hermitian=True)
-        return float(abs(value) / np.sqrt(covariance[0, 0]))
+        k, rest = place[strength], [place[name] for name in (*law, *others)]
+        scale = np.sqrt(best.information.diagonal())
+        S = best.information / np.outer(scale, scale)
+        left = S[k, k] - S[k, rest] @ np.linalg.lstsq(S[np.ix_(rest, rest)], S[rest, k], rcond=1e-13)[0]
+        return float(abs(value) * scale[k] * np.sqrt(max(left, 0.0)))
 
     return {"": beside()} | {effect: beside(name) for effect, name in at.items() if name != strength}
 
