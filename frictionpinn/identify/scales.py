@@ -213,28 +213,16 @@ def _sliding_regression(
     return best, {name: _error(functions, stacked, known | best, name, cuts) for name in guessed}
 
 
-def _error(
-    functions: Sequence[Callable],
-    stacked: Mapping[str, np.ndarray],
-    p: Mapping[str, float],
-    name: str,
-    cuts: np.ndarray,
-) -> float:
-    """Standard error of a coefficient of friction beside known others, each equation's residuals as large and as long
-    correlated as they are: a stiff coupling turns noise of positions into forces that friction hides in.
-
-    Args:
-        functions: the equations over their inertia, linear in the coefficient.
-        stacked: the sliding samples of all trials, which begin anew at the ``cuts``.
-        p: all parameters.
-    """
-    information = 0.0
+def _error(functions: Sequence[Callable], stacked: Mapping, p: Mapping, name: str, cuts: np.ndarray) -> float:
+    """Standard error of a coefficient of friction beside known others, residuals as large and as long correlated as
+    they are: a stiff coupling turns noise of positions into forces. A trial begins at each of the ``cuts``."""
+    information = 1e-300
     for f in functions:
         left = f(stacked, p)
-        level = float(np.mean(left**2)) * correlation_time(np.split(left, cuts))
         slope = f(stacked, {**p, name: p[name] + 1.0}) - left
+        level = float(np.mean(left**2)) * correlation_time(np.split(left, cuts))
         information += float(slope @ slope) / max(level, 1e-300)
-    return 1 / np.sqrt(max(information, 1e-300))
+    return 1 / np.sqrt(information)
 
 
 def _effective_mass(
