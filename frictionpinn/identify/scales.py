@@ -215,14 +215,15 @@ def _sliding_regression(
 
 def _error(functions: Sequence[Callable], stacked: Mapping, p: Mapping, name: str, cuts: np.ndarray) -> float:
     """Standard error of a coefficient of friction beside known others, residuals as large and as long correlated as
-    they are: a stiff coupling turns noise of positions into forces. A trial begins at each of the ``cuts``."""
-    information = 1e-300
+    they are: a stiff coupling turns noise of positions into forces. A trial begins at each of the ``cuts``. 0 where no
+    equation holds it: nothing is told."""
+    information = 0.0
     for f in functions:
         left = f(stacked, p)
         slope = f(stacked, {**p, name: p[name] + 1.0}) - left
         level = float(np.mean(left**2)) * correlation_time(np.split(left, cuts))
         information += float(slope @ slope) / max(level, 1e-300)
-    return 1 / np.sqrt(information)
+    return 1 / np.sqrt(information) if information > 0 else 0.0
 
 
 def _effective_mass(

@@ -35,15 +35,15 @@ FAR = 50.0  # noises: a residual that diverged
 class StateModel(FrictionModel):
     """F = sum_k kappa_k dead(z_k, gap_k) + damp(c_k z_k') + v r(v, N), z_k' = v - |v| sgn(z_k) (|z_k| / s_k)^n_k.
 
-    A black box has ``elements`` such bristles, s_k = gap_k + N T_k(v, N), kappa_k T_k(v, N) and r(v, N) from a network
-    with positive outputs: kappa_k T_k, the share of the load at which a bristle slides, is what a motion tells best, so
-    the stiffness is free to move under it. Through the motion ``loss.weight`` keeps small how T and r depend on the
-    load. No closed cycle of motion gives energy (:mod:`..numerics.state_recursions`). A parameter estimator has the
-    law's one bristle: kappa = sigma_0, c = sigma_1, n = 1, no gap, N T = capacity / sigma_0 times exp(network), a
-    departure from the law that the weight keeps small, and r = sigma_2. The network is read at the knots of a
-    table, which recursion, simulation and export share. Static friction and Stribeck velocity are weakly held to
-    what is known of them beforehand (:mod:`..physics.beforehand`) where a training through the motion estimates
-    them.
+    A black box has ``elements`` such bristles, s_k = gap_k + N T_k(v, N), kappa_k T_k(v, N) and r(v, N) from a
+    network with positive outputs: kappa_k T_k, the share of the load at which a bristle slides, is what a motion
+    tells best, so the stiffness is free to move under it. Through the motion a weight (``loss.weight``, else
+    ``state.weight``) keeps small how T and r depend on the load. No closed cycle of motion gives energy
+    (:mod:`..numerics.state_recursions`). A parameter estimator has the law's one bristle: kappa = sigma_0, c =
+    sigma_1, n = 1, no gap, N T = capacity / sigma_0 times exp(network), a departure from the law that this weight
+    keeps small, and r = sigma_2. The network is read at the knots of a table, which recursion, simulation and
+    export share. Static friction and Stribeck velocity are weakly held to what is known of them beforehand
+    (:mod:`..physics.beforehand`) where a training through the motion estimates them.
 
     Trained through the ``balance`` the slip velocity is the measured one, and the force is compared with that of the
     equation of motion. Trained through the ``motion`` it moves, v' = a_frictionless - mobility F, and velocity and

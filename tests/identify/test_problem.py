@@ -109,6 +109,27 @@ def test_bounds_hold_the_truth_where_noise_makes_friction_look_viscous():
     assert all(low <= truth[name] <= high for name, (low, high) in bounds.items())
 
 
+@pytest.mark.parametrize("seed", [5, 8])
+def test_friction_that_noise_in_a_stiff_coupling_hides_starts_within_a_decade_of_the_truth(seed):
+    config = OmegaConf.to_container(OmegaConf.load("conf/system/two_mass.yaml"), resolve=True)
+    made = config["simulate"]
+    mechanism = Mechanism(SYSTEMS["two_mass"](**config["parameters"]), law_named(made["friction"], "friction"))
+    clean = simulate_recording(mechanism.system, made["friction"], made["truth"], made["trials"][:4], 100.0)
+    start = Problem(mechanism, GaussianNoise(0.05)(clean, seed)).start
+    truth = by_parameter(made["truth"], mechanism.law)
+    assert all(0.1 < start[name] / truth[name] < 10 for name in truth if name.endswith(("mu_c", "sigma_2")))
+
+
+def test_friction_that_no_equation_holds_starts_at_no_large_value():
+    config = OmegaConf.to_container(OmegaConf.load("conf/system/pob_hinge.yaml"), resolve=True)
+    made, laws = config["simulate"], {"box": "lugre", "hinge": "coulomb_viscous"}
+    system = SYSTEMS["pob_hinge"](**config["parameters"])
+    clean = simulate_recording(system, made["friction"], made["truth"], made["trials"][:2], 200.0)
+    driven = SYSTEMS["pob_hinge"](**config["parameters"], driven=["theta"])
+    start = Problem(Mechanism(driven, law_named(laws, "friction")), GaussianNoise(0.05)(clean, 0)).start
+    assert 0 < start["hinge.mu_c"] < 1 and 0 < start["hinge.sigma_2"] < 1
+
+
 def test_the_trials_one_by_one_are_one_simulation_of_the_recording_and_cost_as_much(problem):
     made, (u, locals_) = problem.varied(prior=False), began(problem)
     alone = [evaluate(u, [own], False) for evaluate, own in zip(made.apart(made.trials), locals_, strict=True)]
