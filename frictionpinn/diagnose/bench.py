@@ -15,7 +15,7 @@ from ..errors import UserError
 from ..identify.likelihood import minima_around
 from ..identify.problem import Problem
 from ..identify.trial import TrialModel
-from ..numerics.descent import coarse_to_fine, reduced
+from ..numerics.descent import coarse_to_fine, moved, reduced
 from ..numerics.minima import assembled
 from ..numerics.parallel import in_parallel
 from ..numerics.simulate import Simulation, Simulator, Values
@@ -187,7 +187,7 @@ class Bench:
         widths: Sequence[float] = (0.0,),
         around: bool = False,
         offered: Sequence[Sequence[np.ndarray]] = (),
-        imitating: bool = False,
+        imitating: Fit | None = None,
     ) -> Fit | None:
         """Estimate ``names`` anew from these values and the fit's unknowns of the trials; None where that fails.
 
@@ -200,7 +200,7 @@ class Bench:
             widths: resolutions in time that are followed, s, the coarsest first.
             around: look for other minima around it.
             offered: unknowns of the trials that other fits have, see :func:`frictionpinn.numerics.minima.assembled`.
-            imitating: that what ``fit`` simulates had been measured, without noise: a start near its minimum.
+            imitating: a fit whose motion stands for what was measured, without noise.
         """
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
         for name in {*names} & {*self.problem.names}:
@@ -210,7 +210,7 @@ class Bench:
         simulator = self.probe if probing else self.part(names, values)
         models = tuple(replace(model, simulator=simulator) for model in fit.models)
         problem = self.problem_of(self.problem, names, values, simulator, limits)
-        seen = self._simulated(fit, models) if imitating else models
+        seen = models if imitating is None else self._simulated(imitating, models)
         steps = LONGEST * sum(len(run.steps.interval) for run in self.runs)
         evaluate = problem.evaluator(seen, sigmas, steps=steps)
         try:
@@ -239,8 +239,30 @@ class Bench:
         First what the fit simulates stands for what was measured: without noise the likelihood is smooth, and has its
         minimum where the same motion has these parameters. From there the data are fitted.
         """
-        there = self.refit(fit, names, self.clip(values), limits=limits, imitating=True)
+        values = self.clip(self._complete(values))
+        there = self.refit(self._followed(fit, names, values), names, values, limits=limits, imitating=fit)
         return None if there is None else self.refit(there, names, there.values, limits=limits)
+
+    def _followed(self, fit: Fit, names: Sequence[str], values: Mapping[str, float]) -> Fit:
+        """The fit with each trial's own unknowns where its quadratic model has them at other values: a coupling begins
+        strained otherwise where a force goes from one of its masses to the other."""
+        wider = tuple(dict.fromkeys((*fit.names, *names)))
+        new = {par.name for par in self.tested.parameters if par.hidden and par.name in names} - {*fit.names}
+        at = self._complete(fit.values | {name: values[name] for name in new})
+        simulator = self.part(wider, at)
+        problem = self.problem_of(self.problem, wider, at, simulator)
+        u = problem.space.to_search(at)
+        try:
+            state = problem.evaluator([replace(model, simulator=simulator) for model in fit.models], fit.sigmas)(
+                u, fit.locals, True
+            )
+            if state is None:
+                return fit
+            step = problem.space.to_search(values) - u
+            locals_ = moved(state, step, problem.space.limits, longest=np.inf)[1]
+        except np.linalg.LinAlgError:
+            return fit
+        return replace(fit, state=replace(fit.state, locals=tuple(locals_)))
 
     def _simulated(self, fit: Fit, models: Sequence[TrialModel]) -> tuple[TrialModel, ...]:
         """The models with what the fit says of every signal in the place of what was measured."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -197,13 +197,8 @@ def judged(
     classes = [{t.candidate.name: t for t in (head, *group)} for head, _, group in asked]
     out: set[str] = set()  # what the held-out trials refused
     while left := [c for c in left if c.tested.candidate.name not in out]:
+        left = _as_near(bench, before, left, [members for members in classes if not members.keys() & out], settings)
         near = [c for c in left if c.fit.cost < left[0].fit.cost + settings.told_apart]
-        names = {c.tested.candidate.name for c in near}
-        done = out | {near[0].tested.candidate.name}
-        # Of what was tested twice the test at the sample, which comes first, is taken.
-        near_by = [members for members in reversed(classes) if members.keys() & names]
-        twins = {n: t for members in near_by for n, t in members.items() if n not in done}
-        near = _lowest([*near, *_twins(bench, before, near[0], list(twins.values()), settings)])
         near = on_equal_terms(bench, near, settings)
         evidence = _surprises(bench, [c.fit for c in near])
         near = [replace(c, surprise=s) for c, s in zip(near, evidence, strict=True)]
@@ -237,17 +232,44 @@ def _surprises(bench: Bench, fits: Sequence[Fit]) -> list[Surprise | None]:
     return in_parallel(lambda k: surprise(bench, fits[k]), [1.0] * len(fits), "held-out trials judged")
 
 
-def _twins(bench: Bench, before: Fit, head: Contender, twins: Sequence[Tested], settings: Settings) -> list[Contender]:
-    """Those that the score tests did not tell from a contender, refitted from its fit, as far as they come near."""
+def _as_near(
+    bench: Bench,
+    before: Fit,
+    found: Sequence[Contender],
+    classes: Sequence[Mapping[str, Tested]],
+    settings: Settings,
+) -> list[Contender]:
+    """Contenders, and what the score tests do not tell from those about as good as the best, the best first.
+
+    Each of these, and of those that promise about as much as the best one gains, is fitted from where its motion is
+    nearest to that of the best: none is judged by a minimum that another was spared. As long as that brings a better.
+    """
+    while True:
+        head = found[0]
+        near = {c.tested.candidate.name for c in found if c.fit.cost < head.fit.cost + settings.told_apart}
+        promised = 2 * (before.state.cost - head.fit.state.cost - settings.told_apart)
+        others = {c.tested.candidate.name: c.tested for c in found[1:] if c.tested.statistic > promised}
+        # Of what was tested twice the test at the sample, which comes first, is taken.
+        others |= {n: t for members in reversed(classes) if members.keys() & near for n, t in members.items()}
+        others.pop(head.tested.candidate.name, None)
+        found = _lowest([*found, *_imitations(bench, before, head, list(others.values()), settings)])
+        if found[0].fit is head.fit:
+            return found
+
+
+def _imitations(
+    bench: Bench, before: Fit, head: Contender, asked: Sequence[Tested], settings: Settings
+) -> list[Contender]:
+    """Candidates fitted from where their motion is nearest to that of a contender, as far as they come near it."""
 
     def refit(k: int) -> Fit | None:
-        own = twins[k]
+        own = asked[k]
         names = (*before.names, *own.candidate.strengths, *own.candidate.hidden)
         return bench.imitated(head.fit, names, exchanged(head, own, _share(head)), reach(own))
 
-    made = in_parallel(refit, [1.0] * len(twins), "effects that look alike fitted")
+    made = in_parallel(refit, [1.0] * len(asked), "effects that look alike fitted")
     return [
-        Contender(t, fit) for t, fit in zip(twins, made, strict=True)
+        Contender(t, fit) for t, fit in zip(asked, made, strict=True)
         if fit is not None and fit.cost < head.fit.cost + settings.told_apart
         and not impossible(bench, t.candidate, fit.values)
     ]  # fmt: skip
