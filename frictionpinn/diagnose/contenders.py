@@ -98,9 +98,7 @@ def refitted(
             again |= {t.candidate.name: (t, width) for t in group if t.candidate.name not in names}
     tries += again.values()
     made += refits(list(again.values()))
-    return on_equal_terms(
-        bench, _lowest(Contender(t, fit) for (t, _), fit in zip(tries, made, strict=True) if fit is not None), settings
-    )
+    return _lowest(Contender(t, fit) for (t, _), fit in zip(tries, made, strict=True) if fit is not None)
 
 
 def on_equal_terms(bench: Bench, found: Sequence[Contender], settings: Settings) -> list[Contender]:
