@@ -78,8 +78,7 @@ def refitted(
 
     Each goes from the resolution at which it was tested to the sample. Where one gains much less than its score test
     promised, nothing is as near to linear as that test has it: it is refitted from the coarse resolution as well,
-    and so are those that the test did not tell from it. At last each trial's own unknowns of the best are offered to
-    all, see :func:`on_equal_terms`.
+    and so are those that the test did not tell from it.
     """
 
     def refits(asked: Sequence[tuple[Tested, float]]) -> list[Fit | None]:
@@ -239,37 +238,35 @@ def _as_near(
 ) -> list[Contender]:
     """Contenders, and what the score tests do not tell from those about as good as the best, the best first.
 
-    Each of these, and of those that promise about as much as the best one gains, is fitted from where its motion is
-    nearest to that of the best: none is judged by a minimum that another was spared. As long as that brings a better.
+    Each of these is fitted from where its motion is nearest to that of its like; what promises about as much as the
+    best one gains, to that of the best: none is judged by a minimum that another was spared. As long as that brings a
+    better one.
     """
     while True:
         head = found[0]
-        near = {c.tested.candidate.name for c in found if c.fit.cost < head.fit.cost + settings.told_apart}
+        near = [c for c in found if c.fit.cost < head.fit.cost + settings.told_apart]
         promised = 2 * (before.state.cost - head.fit.state.cost - settings.told_apart)
-        others = {c.tested.candidate.name: c.tested for c in found[1:] if c.tested.statistic > promised}
-        # Of what was tested twice the test at the sample, which comes first, is taken.
-        others |= {n: t for members in reversed(classes) if members.keys() & near for n, t in members.items()}
-        others.pop(head.tested.candidate.name, None)
-        found = _lowest([*found, *_imitations(bench, before, head, list(others.values()), settings)])
+        pairs = {c.tested.candidate.name: (head, c.tested) for c in found[1:] if c.tested.statistic > promised}
+        for members in reversed(classes):  # of what was tested twice, the test at the sample comes first and is taken
+            if like := [c for c in near if c.tested.candidate.name in members]:
+                pairs |= {n: (like[0], t) for n, t in members.items() if n != like[0].tested.candidate.name}
+        found = _lowest([*found, *_imitations(bench, before, list(pairs.values()))])
         if found[0].fit is head.fit:
             return found
 
 
-def _imitations(
-    bench: Bench, before: Fit, head: Contender, asked: Sequence[Tested], settings: Settings
-) -> list[Contender]:
-    """Candidates fitted from where their motion is nearest to that of a contender, as far as they come near it."""
+def _imitations(bench: Bench, before: Fit, pairs: Sequence[tuple[Contender, Tested]]) -> list[Contender]:
+    """Candidates fitted from where their motion is nearest to that of a contender."""
 
     def refit(k: int) -> Fit | None:
-        own = asked[k]
+        head, own = pairs[k]
         names = (*before.names, *own.candidate.strengths, *own.candidate.hidden)
         return bench.imitated(head.fit, names, exchanged(head, own, _share(head)), reach(own))
 
-    made = in_parallel(refit, [1.0] * len(asked), "effects that look alike fitted")
+    made = in_parallel(refit, [1.0] * len(pairs), "effects that look alike fitted")
     return [
-        Contender(t, fit) for t, fit in zip(asked, made, strict=True)
-        if fit is not None and fit.cost < head.fit.cost + settings.told_apart
-        and not impossible(bench, t.candidate, fit.values)
+        Contender(t, fit) for (_, t), fit in zip(pairs, made, strict=True)
+        if fit is not None and not impossible(bench, t.candidate, fit.values)
     ]  # fmt: skip
 
 

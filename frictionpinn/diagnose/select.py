@@ -80,7 +80,7 @@ def select(
        fit: at the sample and, where that leaves more than noise or anything shows, at a coarse resolution too: there a
        stop that comes late spoils less, and what shifts a jump (a sensor's delay) has a derivative.
     3. The most significant are refitted with all parameters from where they were tested down to the sample, and ranked
-       by their evidence.
+       by their evidence; those that may act as the best does, from where their motion is nearest to its own as well.
     4. Those that are not told apart are judged by the evidence of the held-out trials, the more usual effect first.
     5. The winner is kept if fitted and held-out trials both speak for it and a mechanism can have it; what it makes
        superfluous is taken out. Rivals of which its evidence does not tell it for certain, and that have nothing left
