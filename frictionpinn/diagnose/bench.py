@@ -14,6 +14,7 @@ from ..data.recording import Recording
 from ..errors import UserError
 from ..identify.likelihood import minima_around
 from ..identify.problem import Problem
+from ..identify.tether import Path, followed, tethered
 from ..identify.trial import TrialModel
 from ..numerics.descent import coarse_to_fine, moved, reduced
 from ..numerics.minima import assembled
@@ -263,6 +264,22 @@ class Bench:
         except np.linalg.LinAlgError:
             return fit
         return replace(fit, state=replace(fit.state, locals=tuple(locals_)))
+
+    def afresh(self, fit: Fit, limits: Mapping[str, tuple[float, float]] | None = None) -> Fit:
+        """The fit, or the lower one that the search finds with which the declared model's began: from its start with
+        the effects as they are, the whole trials held to the motion that was measured and let go of."""
+        values = fit.values | {name: self.problem.start[name] for name in self.declared}
+        problem = self.problem_of(self.problem, fit.names, values, fit.models[0].simulator, limits)
+        held, best = tethered(problem), fit
+        for coarse in (False, True):
+            path = Path(problem, held, fit.sigmas, coarse)
+            for end, _ in followed(path, [problem.space.to_search(values)], path.stages)[:1]:
+                there = replace(fit, state=end.state)
+                found = self.refit(there, fit.names, problem.values(end.state.u), limits=limits)
+                best = found if found is not None and found.cost < best.cost else best
+            if best is not fit and best.white:
+                break
+        return best
 
     def _simulated(self, fit: Fit, models: Sequence[TrialModel]) -> tuple[TrialModel, ...]:
         """The models with what the fit says of every signal in the place of what was measured."""

@@ -27,7 +27,6 @@ class Settings:
             recording in 10,000 that lacks nothing is said to.
         most: effects that are added at most, a budget.
         refits: candidates that are refitted after each kind of score test, a budget.
-        promise: share of the gain that a score test promises, below which a refit shows that it is not linear there.
         followed: the best of these whose trials' own unknowns are offered to the others, a budget.
         told_apart: evidence, in log-likelihood, from which one model is better than another for certain: 400 to 1.
         tied: evidence below which the more usual effect stands first: less than 3 to 1.
@@ -40,7 +39,6 @@ class Settings:
     log_p: float = -4.0
     most: int = 4
     refits: int = 5
-    promise: float = 0.5
     followed: int = 2
     told_apart: float = 6.0
     tied: float = 1.0
@@ -71,33 +69,16 @@ class Contender:
         return self.fit.cost + (self.surprise.moved if self.surprise else 0.0)
 
 
-def refitted(
-    bench: Bench, before: Fit, asked: Sequence[tuple[Tested, float, list[Tested]]], settings: Settings
-) -> list[Contender]:
-    """The candidates' fits, the best first.
+def refitted(bench: Bench, before: Fit, asked: Sequence[tuple[Tested, list[Tested]]]) -> list[Contender]:
+    """The candidates' fits, the best first, each from the resolution at which it was tested to the sample."""
 
-    Each goes from the resolution at which it was tested to the sample. Where one gains much less than its score test
-    promised, nothing is as near to linear as that test has it: it is refitted from the coarse resolution as well,
-    and so are those that the test did not tell from it.
-    """
+    def refit(k: int) -> Fit | None:
+        head = asked[k][0]
+        fit = None if head.width else add(bench, before, head, [0.0])
+        return add(bench, before, head, bench.from_coarse) if fit is None else fit
 
-    def refits(asked: Sequence[tuple[Tested, float]]) -> list[Fit | None]:
-        def refit(k: int) -> Fit | None:
-            tested, width = asked[k]
-            return add(bench, before, tested, bench.from_coarse if width else [0.0])
-
-        return in_parallel(refit, [1.0] * len(asked), "effects fitted")
-
-    tries = [(tested, width) for tested, width, _ in asked]
-    made, names = refits(tries), {tested.candidate.name for tested, _ in tries}
-    again: dict[str, tuple[Tested, float]] = {}
-    for (head, width, group), fit in zip(asked, made, strict=True):
-        if fit is None or before.state.cost - fit.state.cost < settings.promise * head.statistic / 2:
-            again |= {head.candidate.name: (head, bench.from_coarse[0])} if width < bench.from_coarse[0] else {}
-            again |= {t.candidate.name: (t, width) for t in group if t.candidate.name not in names}
-    tries += again.values()
-    made += refits(list(again.values()))
-    return _lowest(Contender(t, fit) for (t, _), fit in zip(tries, made, strict=True) if fit is not None)
+    made = in_parallel(refit, [1.0] * len(asked), "effects fitted")
+    return _lowest(Contender(t, fit) for (t, _), fit in zip(asked, made, strict=True) if fit is not None)
 
 
 def on_equal_terms(bench: Bench, found: Sequence[Contender], settings: Settings) -> list[Contender]:
@@ -167,7 +148,7 @@ def judged(
     bench: Bench,
     before: Fit,
     found: Sequence[Contender],
-    asked: Sequence[tuple[Tested, float, list[Tested]]],
+    asked: Sequence[tuple[Tested, list[Tested]]],
     settings: Settings,
 ) -> tuple[Contender | None, list[Contender], list[Refused]]:
     """The contender that is kept, its rivals of which the evidence is about as good, and those that are refused.
@@ -175,26 +156,31 @@ def judged(
     Args:
         before: the fit without any of them.
         found: candidates refitted, the best first.
-        asked: of these the heads with the resolution at which they were tested, and what the tests do not tell from
-            them.
+        asked: of these the heads, and what the tests do not tell from them.
         settings: significances and budgets.
     """
     refused: list[Refused] = []
     reference = surprise(bench, before)
     left = []
     for c in found:
-        gain, need = before.state.cost - c.fit.state.cost, needed(c.tested, settings)
-        if gain < need:
-            why = f"refitted, it gains {gain:.3g} in log-likelihood; {need:.3g} are needed"
-            refused.append(Refused(c.tested.candidate, why))
-        elif why := impossible(bench, c.tested.candidate, c.fit.values):
+        if why := impossible(bench, c.tested.candidate, c.fit.values):
             refused.append(Refused(c.tested.candidate, why))
         else:
             left.append(c)
-    classes = [{t.candidate.name: t for t in (head, *group)} for head, _, group in asked]
-    out: set[str] = set()  # what the held-out trials refused
+    # Of what was tested twice the test at the sample, which comes first, is taken.
+    classes = [{t.candidate.name: t for t in (head, *group)} for head, group in asked[::-1]]
+    out, afresh = set[str](), set[str]()  # what is refused, and what was fitted afresh
     while left := [c for c in left if c.tested.candidate.name not in out]:
-        left = _as_near(bench, before, left, [members for members in classes if not members.keys() & out], settings)
+        able = [members for members in classes if not members.keys() & out]
+        left = _as_near(bench, before, left, able, afresh, settings)
+        for c in left:
+            gain, need = before.state.cost - c.fit.state.cost, needed(c.tested, settings)
+            if gain < need:
+                out.add(c.tested.candidate.name)
+                why = f"refitted, it gains {gain:.3g} in log-likelihood; {need:.3g} are needed"
+                refused.append(Refused(c.tested.candidate, why))
+        if not (left := [c for c in left if c.tested.candidate.name not in out]):
+            break
         near = [c for c in left if c.fit.cost < left[0].fit.cost + settings.told_apart]
         near = on_equal_terms(bench, near, settings)
         evidence = _surprises(bench, [c.fit for c in near])
@@ -234,20 +220,30 @@ def _as_near(
     before: Fit,
     found: Sequence[Contender],
     classes: Sequence[Mapping[str, Tested]],
+    done: set[str],
     settings: Settings,
 ) -> list[Contender]:
     """Contenders, and what the score tests do not tell from those about as good as the best, the best first.
 
-    Each of these is fitted from where its motion is nearest to that of its like; what promises about as much as the
-    best one gains, to that of the best: none is judged by a minimum that another was spared. As long as that brings a
-    better one.
+    None is judged by a minimum that another was spared, nor by that of the model without it. One that falls short of
+    what its score test promises, and promises as much as the best one gains, is fitted afresh, unless that is ``done``.
+    What the tests do not tell from one about as good as the best is fitted from where its motion is nearest to its
+    like's, and what promises as much from where it is nearest to the best's: as long as that brings a better one.
     """
+
+    def short(c: Contender) -> bool:
+        gain, best = (before.state.cost - fit.state.cost for fit in (c.fit, found[0].fit))
+        tested = c is found[0] or not c.tested.width  # what a coarse resolution promises, no other one keeps
+        return tested and c.tested.statistic / 2 > max(gain + settings.told_apart, best - settings.told_apart)
+
     while True:
         head = found[0]
-        near = [c for c in found if c.fit.cost < head.fit.cost + settings.told_apart]
-        promised = 2 * (before.state.cost - head.fit.state.cost - settings.told_apart)
-        pairs = {c.tested.candidate.name: (head, c.tested) for c in found[1:] if c.tested.statistic > promised}
-        for members in reversed(classes):  # of what was tested twice, the test at the sample comes first and is taken
+        while anew := [c for c in found if c.tested.candidate.name not in done and short(c)]:
+            done.add(anew[0].tested.candidate.name)
+            found = _lowest([*found, replace(anew[0], fit=bench.afresh(anew[0].fit, reach(anew[0].tested)))])
+        near = [c for c in found if c.fit.cost < found[0].fit.cost + settings.told_apart]
+        pairs = {c.tested.candidate.name: (found[0], c.tested) for c in found[1:] if short(c)}
+        for members in classes:
             if like := [c for c in near if c.tested.candidate.name in members]:
                 pairs |= {n: (like[0], t) for n, t in members.items() if n != like[0].tested.candidate.name}
         found = _lowest([*found, *_imitations(bench, before, list(pairs.values()))])

@@ -46,6 +46,7 @@ class Tested:
         trace: the part of its derivatives that nothing else explains, shape (rows of all trials,), at unit length.
         untested: it could not be tested, since its derivatives overflow: simulated forward, an unstable motion makes of
             a tiny strength more than numbers hold. Its step is a guess then.
+        width: resolution in time at which it was tested, s; 0: sample by sample.
     """
 
     candidate: Candidate
@@ -57,6 +58,7 @@ class Tested:
     shape: dict[str, float]
     trace: np.ndarray
     untested: bool = False
+    width: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -216,13 +218,13 @@ class _Place:
                 {name: GUESS * self.sizes[name] for name in c.strengths},
                 np.zeros(sum(len(x.r) for x in left)),
             )
-            return Tested(c, 0.0, 0.0, 0, guess, {}, shape, trace, untested=True)
+            return Tested(c, 0.0, 0.0, 0, guess, {}, shape, trace, untested=True, width=self.fit.width)
         trace = np.concatenate([x.matrix[:, at[j]] @ best.step for x in left])
         trace /= max(float(np.linalg.norm(trace)), TINY)
         step = dict(zip(c.strengths, best.step.tolist(), strict=True))
         moves = dict(zip(self.fit.names, (-along[:, at[j]] @ best.step).tolist(), strict=True))
         chance = log_p(best.statistic, best.freedom, len(c.grid))
-        return Tested(c, chance, best.statistic, best.freedom, step, moves, shape, trace)
+        return Tested(c, chance, best.statistic, best.freedom, step, moves, shape, trace, width=self.fit.width)
 
     def at_hand(self, names: Sequence[str]) -> list[np.ndarray]:
         """Rows of every trial in some of the parameters, at the middle of the grids."""

@@ -107,17 +107,16 @@ def select(
     selection, rounds = Selection(bench.base, bench.base, scanned, scanned), Steps(settings.most, most=True)
     while len(selection.accepted) < settings.most:
         before = selection.fit
-        asked = [(t, 0.0, group) for t, group in _heads(selection.last.tested, banned, chance, settings)]
+        asked = _heads(selection.last.tested, banned, chance, settings)
         if (asked or not before.white) and (width := bench.from_coarse[0]):
             coarse = bench.refit(before, before.names, before.values, widths=[width])
             if coarse is not None:
-                seen = tested(coarse, selection.accepted).tested
-                known = {t.candidate.name for t, _, _ in asked}
-                heads = _heads(seen, banned, chance, settings)
-                asked += [(t, width, group) for t, group in heads if t.candidate.name not in known]
+                known = {t.candidate.name for t, _ in asked}
+                heads = _heads(tested(coarse, selection.accepted).tested, banned, chance, settings)
+                asked += [(t, group) for t, group in heads if t.candidate.name not in known]
         if not asked:
             break
-        winner, rivals, refused = judged(bench, before, refitted(bench, before, asked, settings), asked, settings)
+        winner, rivals, refused = judged(bench, before, refitted(bench, before, asked), asked, settings)
         selection.refused |= {r.candidate.name: r for r in refused}
         if winner is None:
             break
