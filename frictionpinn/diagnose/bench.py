@@ -17,7 +17,6 @@ from ..identify.problem import Problem
 from ..identify.tether import Path, followed, tethered
 from ..identify.trial import TrialModel
 from ..numerics.descent import coarse_to_fine, moved, reduced
-from ..numerics.minima import assembled
 from ..numerics.parallel import in_parallel
 from ..numerics.simulate import Simulation, Simulator, Values
 from ..physics.base import plain_name
@@ -28,6 +27,7 @@ from .fit import Fit, fit_declared
 
 LONGEST = 500.0  # times the steps that simulate all trials once: a budget, beyond which a refit is given up
 BACK = 0.1  # of its start value: from where dry friction that vanished beside something missing is estimated anew
+Ranges = Mapping[str, tuple[float, float]]  # name -> least and greatest value, SI units
 
 
 class Part(Simulator):
@@ -167,7 +167,7 @@ class Bench:
         names: Sequence[str],
         values: Mapping[str, float],
         simulator: Simulator,
-        limits: Mapping[str, tuple[float, float]] | None = None,
+        limits: Ranges | None = None,
     ) -> Problem:
         """The problem with these parameters free, the others held at their values."""
         # Viscous friction absorbs much of what is missing: it must be free to go.
@@ -184,10 +184,9 @@ class Bench:
         values: Mapping[str, float],
         *,
         sigmas: Mapping[str, float] | None = None,
-        limits: Mapping[str, tuple[float, float]] | None = None,
+        limits: Ranges | None = None,
         widths: Sequence[float] = (0.0,),
         around: bool = False,
-        offered: Sequence[Sequence[np.ndarray]] = (),
         imitating: Fit | None = None,
     ) -> Fit | None:
         """Estimate ``names`` anew from these values and the fit's unknowns of the trials; None where that fails.
@@ -200,7 +199,6 @@ class Bench:
             limits: of parameters beside their usual ones.
             widths: resolutions in time that are followed, s, the coarsest first.
             around: look for other minima around it.
-            offered: unknowns of the trials that other fits have, see :func:`frictionpinn.numerics.minima.assembled`.
             imitating: a fit whose motion stands for what was measured, without noise.
         """
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
@@ -219,7 +217,7 @@ class Bench:
             found = coarse_to_fine(evaluate, first, problem.space.limits, widths)
             if found is None:
                 return None
-            minima = [assembled(evaluate, found, offered, problem.space.limits)]
+            minima = [found]
             if around:
                 minima = minima_around(problem, evaluate, problem.apart(seen, sigmas, steps=steps), found)
         except np.linalg.LinAlgError:  # derivatives that overflow
@@ -229,11 +227,7 @@ class Bench:
                    tuple(minima) if around else ())  # fmt: skip
 
     def imitated(
-        self,
-        fit: Fit,
-        names: Sequence[str],
-        values: Mapping[str, float],
-        limits: Mapping[str, tuple[float, float]] | None = None,
+        self, fit: Fit, names: Sequence[str], values: Mapping[str, float], limits: Ranges | None = None
     ) -> Fit | None:
         """``names`` estimated from near these values, where the motion is nearest to that of a fit.
 
@@ -251,31 +245,32 @@ class Bench:
         new = {par.name for par in self.tested.parameters if par.hidden and par.name in names} - {*fit.names}
         at = self._complete(fit.values | {name: values[name] for name in new})
         simulator = self.part(wider, at)
+        models = [replace(model, simulator=simulator) for model in fit.models]
         problem = self.problem_of(self.problem, wider, at, simulator)
         u = problem.space.to_search(at)
         try:
-            state = problem.evaluator([replace(model, simulator=simulator) for model in fit.models], fit.sigmas)(
-                u, fit.locals, True
-            )
-            if state is None:
-                return fit
+            state = problem.evaluator(models, fit.sigmas)(u, fit.locals, True)
             step = problem.space.to_search(values) - u
-            locals_ = moved(state, step, problem.space.limits, longest=np.inf)[1]
-        except np.linalg.LinAlgError:
+            own = fit.locals if state is None else moved(state, step, problem.space.limits, longest=np.inf)[1]
+        except np.linalg.LinAlgError:  # derivatives that overflow
             return fit
-        return replace(fit, state=replace(fit.state, locals=tuple(locals_)))
+        return replace(fit, state=replace(fit.state, locals=tuple(own)))
 
-    def afresh(self, fit: Fit, limits: Mapping[str, tuple[float, float]] | None = None) -> Fit:
+    def afresh(self, fit: Fit, limits: Ranges | None = None) -> Fit:
         """The fit, or the lower one that the search finds with which the declared model's began: from its start with
         the effects as they are, the whole trials held to the motion that was measured and let go of."""
         values = fit.values | {name: self.problem.start[name] for name in self.declared}
         problem = self.problem_of(self.problem, fit.names, values, fit.models[0].simulator, limits)
-        held, best = tethered(problem), fit
+        held, best, u = tethered(problem), fit, problem.space.to_search(values)
         for coarse in (False, True):
             path = Path(problem, held, fit.sigmas, coarse)
-            for end, _ in followed(path, [problem.space.to_search(values)], path.stages)[:1]:
-                there = replace(fit, state=end.state)
-                found = self.refit(there, fit.names, problem.values(end.state.u), limits=limits)
+            try:
+                ends = followed(path, [u], path.stages)
+            except np.linalg.LinAlgError:  # derivatives that overflow
+                break
+            for end, _ in ends[:1]:
+                there = problem.values(end.state.u)
+                found = self.refit(replace(fit, state=end.state), fit.names, there, limits=limits)
                 best = found if found is not None and found.cost < best.cost else best
             if best is not fit and best.white:
                 break

@@ -27,7 +27,6 @@ class Settings:
             recording in 10,000 that lacks nothing is said to.
         most: effects that are added at most, a budget.
         refits: candidates that are refitted after each kind of score test, a budget.
-        followed: the best of these whose trials' own unknowns are offered to the others, a budget.
         told_apart: evidence, in log-likelihood, from which one model is better than another for certain: 400 to 1.
         tied: evidence below which the more usual effect stands first: less than 3 to 1.
         gain: log-likelihood that the held-out trials must gain: they may not speak against a model by 3 to 1. A true
@@ -39,7 +38,6 @@ class Settings:
     log_p: float = -4.0
     most: int = 4
     refits: int = 5
-    followed: int = 2
     told_apart: float = 6.0
     tied: float = 1.0
     gain: float = -1.0
@@ -81,20 +79,6 @@ def refitted(bench: Bench, before: Fit, asked: Sequence[tuple[Tested, list[Teste
     return _lowest(Contender(t, fit) for (t, _), fit in zip(asked, made, strict=True) if fit is not None)
 
 
-def on_equal_terms(bench: Bench, found: Sequence[Contender], settings: Settings) -> list[Contender]:
-    """Contenders, the best first, each offered the trials' own unknowns of the best ones: none is judged by a minimum
-    of a single trial that another was spared."""
-    best = [c.fit for c in found[: settings.followed]]
-
-    def refit(k: int) -> Fit | None:
-        c = found[k]
-        others = [fit.locals for fit in best if fit is not c.fit]
-        return bench.refit(c.fit, c.fit.names, c.fit.values, limits=reach(c.tested), offered=others)
-
-    made = in_parallel(refit, [1.0] * len(found), "effects fitted from the best")
-    return _lowest([*found, *(replace(c, fit=f) for c, f in zip(found, made, strict=True) if f)])
-
-
 def _lowest(found: Iterable[Contender]) -> list[Contender]:
     """The best fit of each candidate, the best first."""
     best: dict[str, Contender] = {}
@@ -103,22 +87,17 @@ def _lowest(found: Iterable[Contender]) -> list[Contender]:
     return list(best.values())
 
 
-def _share(c: Contender) -> float:
-    """How many times the step of its score test a contender's strengths went."""
-    step = np.array(list(c.tested.step.values()))
-    return float(np.array([c.fit.values[name] for name in c.tested.step]) @ step / max(step @ step, 1e-300))
-
-
-def exchanged(head: Contender, own: Tested, share: float) -> dict[str, float]:
-    """Values of a contender's fit with a candidate's strengths, so many times its step, in the place of its own.
+def exchanged(head: Contender, own: Tested) -> dict[str, float]:
+    """Values of a contender's fit with a candidate's strengths, as many times their step, in the place of its own.
 
     What the contender's strengths took of the estimated parameters is given back, and what the candidate's take is
     taken: to first order the motion stays, where the score tests do not tell the two apart.
     """
-    given = _share(head)
+    step, now = (np.array([of[name] for name in head.tested.step]) for of in (head.tested.step, head.fit.values))
+    share = float(now @ step / max(step @ step, 1e-300))
     values = head.fit.values | dict.fromkeys(head.tested.step, 0.0) | own.shape
     for name, move in head.tested.moves.items():
-        values[name] += share * own.moves.get(name, 0.0) - given * move
+        values[name] += share * (own.moves.get(name, 0.0) - move)
     return values | {name: share * value for name, value in own.step.items()}
 
 
@@ -159,20 +138,14 @@ def judged(
         asked: of these the heads, and what the tests do not tell from them.
         settings: significances and budgets.
     """
-    refused: list[Refused] = []
-    reference = surprise(bench, before)
-    left = []
-    for c in found:
-        if why := impossible(bench, c.tested.candidate, c.fit.values):
-            refused.append(Refused(c.tested.candidate, why))
-        else:
-            left.append(c)
+    reference, able = surprise(bench, before), [(c, impossible(bench, c.tested.candidate, c.fit.values)) for c in found]
+    refused, left = [Refused(c.tested.candidate, why) for c, why in able if why], [c for c, why in able if not why]
     # Of what was tested twice the test at the sample, which comes first, is taken.
     classes = [{t.candidate.name: t for t in (head, *group)} for head, group in asked[::-1]]
     out, afresh = set[str](), set[str]()  # what is refused, and what was fitted afresh
     while left := [c for c in left if c.tested.candidate.name not in out]:
-        able = [members for members in classes if not members.keys() & out]
-        left = _as_near(bench, before, left, able, afresh, settings)
+        alike = [members for members in classes if not members.keys() & out]
+        left = _as_near(bench, before, left, alike, afresh, settings)
         for c in left:
             gain, need = before.state.cost - c.fit.state.cost, needed(c.tested, settings)
             if gain < need:
@@ -182,9 +155,7 @@ def judged(
         if not (left := [c for c in left if c.tested.candidate.name not in out]):
             break
         near = [c for c in left if c.fit.cost < left[0].fit.cost + settings.told_apart]
-        near = on_equal_terms(bench, near, settings)
-        evidence = _surprises(bench, [c.fit for c in near])
-        near = [replace(c, surprise=s) for c, s in zip(near, evidence, strict=True)]
+        near = _checked(bench, near)
         if reference is not None and (failed := [c.tested.candidate for c in near if c.surprise is None]):
             refused += [Refused(candidate, "held-out trials cannot be simulated with it") for candidate in failed]
             out |= {candidate.name for candidate in failed}
@@ -211,8 +182,9 @@ def explains_less(c: Contender, winner: Contender) -> Refused:
     return Refused(c.tested.candidate, f"explains less than {winner.tested.candidate.name}")
 
 
-def _surprises(bench: Bench, fits: Sequence[Fit]) -> list[Surprise | None]:
-    return in_parallel(lambda k: surprise(bench, fits[k]), [1.0] * len(fits), "held-out trials judged")
+def _checked(bench: Bench, near: Sequence[Contender]) -> list[Contender]:
+    made = in_parallel(lambda k: surprise(bench, near[k].fit), [1.0] * len(near), "held-out trials judged")
+    return [replace(c, surprise=s) for c, s in zip(near, made, strict=True)]
 
 
 def _as_near(
@@ -257,7 +229,7 @@ def _imitations(bench: Bench, before: Fit, pairs: Sequence[tuple[Contender, Test
     def refit(k: int) -> Fit | None:
         head, own = pairs[k]
         names = (*before.names, *own.candidate.strengths, *own.candidate.hidden)
-        return bench.imitated(head.fit, names, exchanged(head, own, _share(head)), reach(own))
+        return bench.imitated(head.fit, names, exchanged(head, own), reach(own))
 
     made = in_parallel(refit, [1.0] * len(pairs), "effects that look alike fitted")
     return [

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from test_diagnosis import recorded
 
+from frictionpinn.data.noise import GaussianNoise
+from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose import bench as benches
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.fit import Fit
 from frictionpinn.numerics.descent import State
-from frictionpinn.physics import EFFECTS, LAWS
+from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
+from frictionpinn.physics.contacts import law_named
 from frictionpinn.physics.mechanism import Mechanism
 
 FORCE = 0.3  # N
@@ -110,3 +113,32 @@ def test_what_stays_moves_to_the_minimum_of_the_quadratic_model_without_what_goe
     free = Bench.without(stub, fit, ["drag"])
     moved = np.linalg.solve(S[np.ix_([0, 2], [0, 2])], -S[[0, 2], 1] * -0.2)
     assert free == pytest.approx({"mu_c": 0.5 + moved[0], "drag": 0.0, "shape": 0.3 + moved[1]})
+
+
+def test_a_fit_in_a_wrong_minimum_is_found_again_from_the_declared_start(pushed):
+    right = pushed.refit(pushed.base, (*pushed.declared, "constant_force"), pushed.base.values)
+    far = {name: 3.0 * right.values[name] for name in ("sigma_0", "mu_s", "v_s")}
+    wrong = pushed.refit(right, ("mu_c",), right.values | far)
+    wrong = replace(wrong, names=right.names, state=replace(wrong.state, u=right.state.u))
+    assert wrong.state.cost > right.state.cost + 100
+    again = pushed.afresh(wrong)
+    assert again.state.cost == pytest.approx(right.state.cost, abs=0.5)
+    assert again.values["constant_force"] == pytest.approx(FORCE, rel=0.1)
+
+
+def test_a_force_that_goes_from_one_mass_to_the_other_strains_the_coupling_and_leaves_the_motion():
+    system, law = SYSTEMS["two_mass"](), law_named("coulomb_viscous", "friction")
+    truth = {f"{at}.{name}": value for at in ("motor", "load")
+             for name, value in (("mu_c", 0.2), ("sigma_2", 0.01))}  # fmt: skip
+    trials = [{"duration": 2.0, "tau": "1.2*sin(6*t)"}, {"duration": 2.0, "tau": "0.8*sin(4*t) + 0.4*sin(19*t)"}]
+    clean = simulate_recording(system, "coulomb_viscous", truth | {"load.constant_force": 0.1}, trials, 100.0,
+                               ["constant_force@load"])  # fmt: skip
+    declared = Mechanism(system, law)
+    tested = Mechanism(system, law, ("constant_force@load", "constant_force@motor"))
+    bench = Bench(declared, tested, tested, GaussianNoise(0.02)(clean, 0), clean.select(()))
+    load = bench.refit(bench.base, (*bench.declared, "load.constant_force"), bench.base.values)
+    swapped = load.values | {"load.constant_force": 0.0, "motor.constant_force": load.values["load.constant_force"]}
+    names = (*bench.declared, "motor.constant_force")
+    motor = bench.imitated(load, names, swapped)
+    assert load.values["load.constant_force"] == pytest.approx(0.1, rel=0.2)
+    assert motor.state.cost == pytest.approx(load.state.cost, abs=2.0)
