@@ -139,6 +139,16 @@ def test_a_force_that_goes_from_one_mass_to_the_other_strains_the_coupling_and_l
     load = bench.refit(bench.base, (*bench.declared, "load.constant_force"), bench.base.values)
     swapped = load.values | {"load.constant_force": 0.0, "motor.constant_force": load.values["load.constant_force"]}
     names = (*bench.declared, "motor.constant_force")
+
+    def motion(values, locals_):
+        models = [replace(model, simulator=bench.simulator) for model in load.models]
+        runs = [model.predict(model.simulate(values, x)) for model, x in zip(models, locals_, strict=True)]
+        return np.concatenate(runs, axis=1)
+
+    as_it_is = motion(load.values, load.locals)
+    left = motion(swapped, load.locals) - as_it_is
+    follows = motion(swapped, bench._followed(load, names, swapped).locals) - as_it_is
+    assert np.sqrt(np.mean(follows**2)) < 0.2 * np.sqrt(np.mean(left**2))
     motor = bench.imitated(load, names, swapped)
     assert load.values["load.constant_force"] == pytest.approx(0.1, rel=0.2)
     assert motor.state.cost == pytest.approx(load.state.cost, abs=2.0)
