@@ -18,7 +18,7 @@ from ..identify.tether import Path, followed, tethered
 from ..identify.trial import TrialModel
 from ..numerics.descent import coarse_to_fine, moved, reduced
 from ..numerics.parallel import in_parallel
-from ..numerics.simulate import Simulation, Simulator, Values
+from ..numerics.simulate import Part, Simulation, Simulator
 from ..physics.base import plain_name
 from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
@@ -28,17 +28,6 @@ from .fit import Fit, fit_declared
 LONGEST = 500.0  # times the steps that simulate all trials once: a budget, beyond which a refit is given up
 BACK = 0.1  # of its start value: from where dry friction that vanished beside something missing is estimated anew
 Ranges = Mapping[str, tuple[float, float]]  # name -> least and greatest value, SI units
-
-
-class Part(Simulator):
-    """A simulator that takes the parameters of a wider mechanism too, and leaves out what it lacks."""
-
-    def parameters(self, p: Values) -> np.ndarray:
-        """See :meth:`Simulator.parameters`; names of other parameters are passed over."""
-        return self._vector(p) if isinstance(p, Mapping) else super().parameters(p)
-
-    def __reduce__(self):
-        return Part, (self.mechanism,)
 
 
 class Bench:

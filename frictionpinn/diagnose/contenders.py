@@ -27,6 +27,7 @@ class Settings:
             recording in 10,000 that lacks nothing is said to.
         most: effects that are added at most, a budget.
         refits: candidates that are refitted after each kind of score test, a budget.
+        promise: share of the gain that a score test promises, below which a refit shows that it is not linear there.
         told_apart: evidence, in log-likelihood, from which one model is better than another for certain: 400 to 1.
         tied: evidence below which the more usual effect stands first: less than 3 to 1.
         gain: log-likelihood that the held-out trials must gain: they may not speak against a model by 3 to 1. A true
@@ -38,6 +39,7 @@ class Settings:
     log_p: float = -4.0
     most: int = 4
     refits: int = 5
+    promise: float = 0.5
     told_apart: float = 6.0
     tied: float = 1.0
     gain: float = -1.0
@@ -67,16 +69,25 @@ class Contender:
         return self.fit.cost + (self.surprise.moved if self.surprise else 0.0)
 
 
-def refitted(bench: Bench, before: Fit, asked: Sequence[tuple[Tested, list[Tested]]]) -> list[Contender]:
-    """The candidates' fits, the best first, each from the resolution at which it was tested to the sample."""
+def refitted(
+    bench: Bench, before: Fit, asked: Sequence[tuple[Tested, list[Tested]]], settings: Settings
+) -> list[Contender]:
+    """The candidates' fits, the best first, each from the resolution at which it was tested to the sample. Where one
+    gains much less than its score test promised, what that did not tell from it is fitted beside it."""
 
-    def refit(k: int) -> Fit | None:
-        head = asked[k][0]
-        fit = None if head.width else add(bench, before, head, [0.0])
-        return add(bench, before, head, bench.from_coarse) if fit is None else fit
+    def refit(tested: Tested) -> Fit | None:
+        fit = None if tested.width else add(bench, before, tested, [0.0])
+        return add(bench, before, tested, bench.from_coarse) if fit is None else fit
 
-    made = in_parallel(refit, [1.0] * len(asked), "effects fitted")
-    return _lowest(Contender(t, fit) for (t, _), fit in zip(asked, made, strict=True) if fit is not None)
+    def refits(tests: Sequence[Tested]) -> list[tuple[Tested, Fit | None]]:
+        fits = in_parallel(lambda k: refit(tests[k]), [1.0] * len(tests), "effects fitted")
+        return list(zip(tests, fits, strict=True))
+
+    made = refits([head for head, _ in asked])
+    less = [fit is None or before.state.cost - fit.state.cost < settings.promise * t.statistic / 2 for t, fit in made]
+    beside = {t.candidate.name: t for (_, group), short in zip(asked, less, strict=True) if short for t in group}
+    made += refits([t for name, t in beside.items() if name not in {t.candidate.name for t, _ in made}])
+    return _lowest(Contender(t, fit) for t, fit in made if fit is not None)
 
 
 def _lowest(found: Iterable[Contender]) -> list[Contender]:

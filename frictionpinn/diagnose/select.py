@@ -116,7 +116,7 @@ def select(
                 asked += [(t, group) for t, group in heads if t.candidate.name not in known]
         if not asked:
             break
-        winner, rivals, refused = judged(bench, before, refitted(bench, before, asked), asked, settings)
+        winner, rivals, refused = judged(bench, before, refitted(bench, before, asked, settings), asked, settings)
         selection.refused |= {r.candidate.name: r for r in refused}
         if winner is None:
             break

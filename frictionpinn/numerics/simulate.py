@@ -18,7 +18,7 @@ from .paths import Directions, InputPath
 from .simulation import ContactLost, Simulation, SimulationFailed, Steps
 from .stepping import PLAIN, STRICT, integrate_path, observed
 
-__all__ = ["ContactLost", "Simulation", "SimulationFailed", "Simulator", "Steps"]
+__all__ = ["ContactLost", "Part", "Simulation", "SimulationFailed", "Simulator", "Steps"]
 
 _NONE: Mapping = MappingProxyType({})
 _NOTHING = Wanted((), np.empty(0, np.int64), np.empty(0, np.int64), Directions.of({}, (1, 0, 0)))
@@ -289,3 +289,14 @@ class Simulator:
         if not np.isfinite(start).all():
             raise UserError("initial state that is not finite", where="y0", received=start.tolist())
         return start
+
+
+class Part(Simulator):
+    """A simulator that takes the parameters of a wider mechanism too, and leaves out what it lacks."""
+
+    def parameters(self, p: Values) -> np.ndarray:
+        """See :meth:`Simulator.parameters`; names of other parameters are passed over."""
+        return self._vector(p) if isinstance(p, Mapping) else super().parameters(p)
+
+    def __reduce__(self):
+        return Part, (self.mechanism,)
