@@ -155,7 +155,7 @@ def judged(
     classes = [{t.candidate.name: t for t in (head, *group)} for head, group in asked[::-1]]
     out, afresh = set[str](), set[str]()  # what is refused, and what was fitted afresh
     while left := [c for c in left if c.tested.candidate.name not in out]:
-        alike = [members for members in classes if not members.keys() & out]
+        alike = [{n: t for n, t in members.items() if n not in out} for members in classes]
         left = _as_near(bench, before, left, alike, afresh, settings)
         for c in left:
             gain, need = before.state.cost - c.fit.state.cost, needed(c.tested, settings)
@@ -165,8 +165,7 @@ def judged(
                 refused.append(Refused(c.tested.candidate, why))
         if not (left := [c for c in left if c.tested.candidate.name not in out]):
             break
-        near = [c for c in left if c.fit.cost < left[0].fit.cost + settings.told_apart]
-        near = _checked(bench, near)
+        near = _checked(bench, [c for c in left if c.fit.cost < left[0].fit.cost + settings.told_apart])
         if reference is not None and (failed := [c.tested.candidate for c in near if c.surprise is None]):
             refused += [Refused(candidate, "held-out trials cannot be simulated with it") for candidate in failed]
             out |= {candidate.name for candidate in failed}
@@ -222,8 +221,9 @@ def _as_near(
     while True:
         head = found[0]
         while anew := [c for c in found if c.tested.candidate.name not in done and short(c)]:
-            done.add(anew[0].tested.candidate.name)
-            found = _lowest([*found, replace(anew[0], fit=bench.afresh(anew[0].fit, reach(anew[0].tested)))])
+            done.add((own := anew[0].tested.candidate).name)
+            again = replace(anew[0], fit=bench.afresh(anew[0].fit, reach(anew[0].tested)))
+            found = found if impossible(bench, own, again.fit.values) else _lowest([*found, again])
         near = [c for c in found if c.fit.cost < found[0].fit.cost + settings.told_apart]
         pairs = {c.tested.candidate.name: (found[0], c.tested) for c in found[1:] if short(c)}
         for members in classes:
