@@ -194,8 +194,7 @@ class Bench:
         for name in {*names} & {*self.problem.names}:
             if plain_name(name) == "mu_c":
                 values[name] = max(values[name], BACK * self.problem.start[name])
-        probing = fit.models[0].simulator is self.probe
-        simulator = self.probe if probing else self.part(names, values)
+        simulator = self.probe if fit.models[0].simulator is self.probe else self.part(names, values)
         models = tuple(replace(model, simulator=simulator) for model in fit.models)
         problem = self.problem_of(self.problem, names, values, simulator, limits)
         seen = models if imitating is None else self._simulated(imitating, models)
@@ -258,8 +257,7 @@ class Bench:
             except np.linalg.LinAlgError:  # derivatives that overflow
                 break
             for end, _ in ends[:1]:
-                there = problem.values(end.state.u)
-                found = self.refit(replace(fit, state=end.state), fit.names, there, limits=limits)
+                found = self.refit(replace(fit, state=end.state), fit.names, problem.values(end.state.u), limits=limits)
                 best = found if found is not None and found.cost < best.cost else best
             if best is not fit and best.white:
                 break

@@ -11,9 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import sympy as sp
 
-from ..numerics.along import samples
+from ..numerics.along import fastest_period, moving_mass, samples
 from ..numerics.simulate import Simulation
 from ..physics.base import CONTACT, FrictionLaw, contact_of
 from ..physics.effect import Effect
@@ -26,7 +25,6 @@ from .bench import Bench
 USUAL = ("friction", "constant_force", "asymmetry", "viscous", "payload", "inertia", "stribeck", "presliding",
          "spring_force", "delay")  # fmt: skip
 LIMIT = 0.99  # of the way to a limit is at it: searches may stop just short
-POWER = 0.95  # share of the slip velocity's power below the frequency of the fastest motion: beyond is noise
 Scales = Mapping[str, tuple[float, float]]  # see data_scales
 
 
@@ -132,10 +130,11 @@ def impossible(
     effect = next(e for e in bench.tested.effects if e.name == candidate.effect)
     delays = {name for signs in effect.delays(bench.tested.system, bench.tested.law).values() for name in signs}
     late = max((n for n in candidate.strengths if n in delays), key=lambda n: abs(values[n]), default=None)
-    if late and abs(values[late]) > (period := fastest_period(bench)):
+    if late and abs(values[late]) > (period := fastest_period(bench.runs)):
         return f"{late} of {values[late]:.3g} s, longer than a period of the fastest motion, {period:.3g} s"
     kind, _, contact = candidate.effect.partition("@")
-    if kind == "inertia" and (own := values[candidate.strengths[0]]) < 0 and own <= -moving_mass(bench, contact):
+    own, system = values[candidate.strengths[0]], bench.mechanism.system.at(contact)
+    if kind == "inertia" and own < 0 and own <= -moving_mass(system, bench.runs):
         return f"inertia of {own:.3g} makes the moving mass negative"
     intervals = [] if ci95 is None else [ci95[name] for name in candidate.strengths]
     if not np.isfinite(intervals).all():
@@ -145,31 +144,3 @@ def impossible(
     if intervals and all(low <= 0 <= high for low, high in intervals):
         return f"its 95 % interval holds zero ({'; '.join(f'{low:.3g} to {high:.3g}' for low, high in intervals)})"
     return ""
-
-
-def fastest_period(bench: Bench) -> float:
-    """Period of the fastest motion, s: of each trial the frequency below which most of the slip velocity's power lies,
-    the largest of all trials."""
-    fastest = 0.0
-    for run in bench.simulate(bench.base):
-        t = np.linspace(run.t[0], run.t[-1], len(run.t))
-        for v_slip in (run.at(name).v_slip for name in run.contacts):
-            power = np.abs(np.fft.rfft(np.interp(t, run.t, v_slip))[1:]) ** 2
-            if power.sum() > 0:
-                k = int(np.searchsorted(np.cumsum(power), POWER * power.sum()))
-                fastest = max(fastest, (k + 1) / float(t[-1] - t[0]))
-    return 1 / fastest if fastest > 0 else np.inf
-
-
-def moving_mass(bench: Bench, contact: str = "") -> float:
-    """Least force per slip acceleration of a contact along the motion, in its unit of mass or inertia.
-
-    Infinite where the equation of motion has none.
-    """
-    system = bench.mechanism.system.at(contact)
-    slipping = [c for c in system.free if system.jacobian[c.name] != 0]
-    if system.massless or len(slipping) != 1:
-        return np.inf
-    (c,) = slipping
-    slope = sp.diff(system.residual(c), c.symbols[2]) / system.jacobian[c.name] ** 2
-    return min(float(samples(system, run, slope).min()) for run in bench.simulate(bench.base))

@@ -153,7 +153,7 @@ def judged(
     refused, left = [Refused(c.tested.candidate, why) for c, why in able if why], [c for c, why in able if not why]
     # Of what was tested twice the test at the sample, which comes first, is taken.
     classes = [{t.candidate.name: t for t in (head, *group)} for head, group in asked[::-1]]
-    out, afresh = set[str](), set[str]()  # what is refused, and what was fitted afresh
+    out, afresh = set[str](), dict[str, float]()  # what is refused, and what a fit afresh came to
     while left := [c for c in left if c.tested.candidate.name not in out]:
         alike = [{n: t for n, t in members.items() if n not in out} for members in classes]
         left = _as_near(bench, before, left, alike, afresh, settings)
@@ -202,15 +202,15 @@ def _as_near(
     before: Fit,
     found: Sequence[Contender],
     classes: Sequence[Mapping[str, Tested]],
-    done: set[str],
+    done: dict[str, float],
     settings: Settings,
 ) -> list[Contender]:
     """Contenders, and what the score tests do not tell from those about as good as the best, the best first.
 
     None is judged by a minimum that another was spared, nor by that of the model without it. One that falls short of
-    what its score test promises, and promises as much as the best one gains, is fitted afresh, unless that is ``done``.
-    What the tests do not tell from one about as good as the best is fitted from where its motion is nearest to its
-    like's, and what promises as much from where it is nearest to the best's: as long as that brings a better one.
+    what its score test promises, and promises as much as the best one gains, is fitted afresh, unless its like was and
+    came to as much (``done``). What the tests do not tell from one about as good as the best, but is fitted worse, is
+    fitted from where its motion is nearest to its like's: as long as that brings a better one.
     """
 
     def short(c: Contender) -> bool:
@@ -219,18 +219,21 @@ def _as_near(
         return tested and c.tested.statistic / 2 > max(gain + settings.told_apart, best - settings.told_apart)
 
     while True:
-        head = found[0]
-        while anew := [c for c in found if c.tested.candidate.name not in done and short(c)]:
-            done.add((own := anew[0].tested.candidate).name)
+        while anew := [c for c in found if short(c) and c.fit.cost < done.get(c.tested.candidate.name, np.inf)]:
+            own = anew[0].tested.candidate
             again = replace(anew[0], fit=bench.afresh(anew[0].fit, reach(anew[0].tested)))
+            alike = {own.name}.union(*(members for members in classes if own.name in members))
+            done |= dict.fromkeys(alike, again.fit.cost - settings.tied)
             found = found if impossible(bench, own, again.fit.values) else _lowest([*found, again])
-        near = [c for c in found if c.fit.cost < found[0].fit.cost + settings.told_apart]
-        pairs = {c.tested.candidate.name: (found[0], c.tested) for c in found[1:] if short(c)}
+        head, costs = found[0], {c.tested.candidate.name: c.fit.cost for c in found}
+        near = [c for c in found if c.fit.cost < head.fit.cost + settings.told_apart]
+        pairs = dict[str, tuple[Contender, Tested]]()
         for members in classes:
-            if like := [c for c in near if c.tested.candidate.name in members]:
-                pairs |= {n: (like[0], t) for n, t in members.items() if n != like[0].tested.candidate.name}
+            for like in [c for c in near if c.tested.candidate.name in members][:1]:
+                worse = like.fit.cost + settings.tied
+                pairs |= {n: (like, t) for n, t in members.items() if costs.get(n, np.inf) > worse}
         found = _lowest([*found, *_imitations(bench, before, list(pairs.values()))])
-        if found[0].fit is head.fit:
+        if found[0].fit.cost > head.fit.cost - settings.tied:
             return found
 
 
@@ -243,10 +246,8 @@ def _imitations(bench: Bench, before: Fit, pairs: Sequence[tuple[Contender, Test
         return bench.imitated(head.fit, names, exchanged(head, own), reach(own))
 
     made = in_parallel(refit, [1.0] * len(pairs), "effects that look alike fitted")
-    return [
-        Contender(t, fit) for (_, t), fit in zip(pairs, made, strict=True)
-        if fit is not None and not impossible(bench, t.candidate, fit.values)
-    ]  # fmt: skip
+    return [Contender(t, fit) for (_, t), fit in zip(pairs, made, strict=True)
+            if fit is not None and not impossible(bench, t.candidate, fit.values)]  # fmt: skip
 
 
 def needed(tested: Tested, settings: Settings) -> float:

@@ -80,11 +80,12 @@ def select(
        fit: at the sample and, where that leaves more than noise or anything shows, at a coarse resolution too: there a
        stop that comes late spoils less, and what shifts a jump (a sensor's delay) has a derivative.
     3. The most significant are refitted with all parameters from where they were tested down to the sample, and ranked
-       by their evidence; those that may act as the best does, from where their motion is nearest to its own as well.
+       by their evidence, each in its own minimum, see :func:`frictionpinn.diagnose.contenders.judged`.
     4. Those that are not told apart are judged by the evidence of the held-out trials, the more usual effect first.
-    5. The winner is kept if fitted and held-out trials both speak for it and a mechanism can have it; what it makes
-       superfluous is taken out. Rivals of which its evidence does not tell it for certain, and that have nothing left
-       to explain beside it, are reported as alike; and again from 2.
+    5. Where the winner has led to a minimum that is lower without it, too, all are tested anew there. Else it is kept
+       if fitted and held-out trials both speak for it and a mechanism can have it; what it makes superfluous is taken
+       out. Rivals of which its evidence does not tell it for certain, and that have nothing left to explain beside it,
+       are reported as alike; and again from 2.
     6. What is left is judged by :func:`frictionpinn.diagnose.verdict.judge`.
 
     Args:
@@ -120,6 +121,11 @@ def select(
         selection.refused |= {r.candidate.name: r for r in refused}
         if winner is None:
             break
+        lower = _without(bench, winner.fit, winner.tested.candidate)
+        if lower is not None and lower.state.cost < before.state.cost - settings.told_apart:
+            selection.base, selection.fit = selection.base if selection.accepted else lower, lower
+            selection.last = tested(lower, selection.accepted)
+            continue
         saved = replace(selection, accepted=list(selection.accepted), fits=dict(selection.fits))
         selection.accepted.append(Accepted(winner.tested.candidate, winner.tested, _evidence(before, winner)))
         selection.fit = bench.settle(winner.fit)
@@ -160,6 +166,13 @@ def _heads(
 def _cosine(one: Tested, other: Tested) -> float:
     """Of what two candidates explain: 1 where the score tests cannot tell them apart, 0 if tested elsewhere."""
     return abs(float(one.trace @ other.trace)) if len(one.trace) == len(other.trace) else 0.0
+
+
+def _without(bench: Bench, fit: Fit, candidate: Candidate, kept: Collection[str] = ()) -> Fit | None:
+    """A fit without a candidate, but for parameters that are ``kept``: from where the motion is nearest to its own."""
+    strengths, hidden = ([n for n in own if n not in kept] for own in (candidate.strengths, candidate.hidden))
+    names = tuple(n for n in fit.names if n not in {*strengths, *hidden})
+    return bench.imitated(fit, names, bench.without(fit, strengths, hidden))
 
 
 def _evidence(before: Fit, winner: Contender) -> dict[str, float]:
@@ -208,10 +221,7 @@ def _drop(bench: Bench, selection: Selection, settings: Settings) -> list[Refuse
     for a in list(selection.accepted):
         fit = selection.fit
         kept = {name for b in selection.accepted if b is not a for name in b.names}
-        names = tuple(n for n in fit.names if n not in a.names or n in kept)
-        gone = [n for n in a.candidate.strengths if n not in names]
-        values = bench.without(fit, gone, [n for n in a.candidate.hidden if n not in names])
-        found = bench.imitated(fit, names, values)
+        found = _without(bench, fit, a.candidate, kept)
         loss = np.inf if found is None else found.state.cost - fit.state.cost
         if found is not None and loss < needed(a.tested, settings):
             why = f"not needed in the end ({loss:+.3g} in log-likelihood without it)"

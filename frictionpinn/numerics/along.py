@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import sympy as sp
 
 from ..physics.base import CONTACT
 from ..physics.system import System
 from .simulate import Simulation
+
+POWER = 0.95  # share of the slip velocity's power below the frequency of the fastest motion: beyond is noise
 
 
 def signal_symbols(system: System) -> dict[str, sp.Symbol]:
@@ -29,3 +33,30 @@ def samples(system: System, run: Simulation, expression: sp.Expr) -> np.ndarray:
     symbols = sorted(expression.free_symbols, key=str)
     value = sp.lambdify(symbols, expression, "numpy")(*(known[s] for s in symbols))
     return np.broadcast_to(np.asarray(value, dtype=float), run.t.shape).copy()
+
+
+def fastest_period(runs: Sequence[Simulation]) -> float:
+    """Period of the fastest motion, s: of each trial the frequency below which most of the slip velocity's power lies,
+    the largest of all trials."""
+    fastest = 0.0
+    for run in runs:
+        t = np.linspace(run.t[0], run.t[-1], len(run.t))
+        for v_slip in (run.at(name).v_slip for name in run.contacts):
+            power = np.abs(np.fft.rfft(np.interp(t, run.t, v_slip))[1:]) ** 2
+            if power.sum() > 0:
+                k = int(np.searchsorted(np.cumsum(power), POWER * power.sum()))
+                fastest = max(fastest, (k + 1) / float(t[-1] - t[0]))
+    return 1 / fastest if fastest > 0 else np.inf
+
+
+def moving_mass(system: System, runs: Sequence[Simulation]) -> float:
+    """Least force per slip acceleration of a contact along the motion, in its unit of mass or inertia.
+
+    Infinite where the equation of motion has none. ``system`` is as the contact sees it.
+    """
+    slipping = [c for c in system.free if system.jacobian[c.name] != 0]
+    if system.massless or len(slipping) != 1:
+        return np.inf
+    (c,) = slipping
+    slope = sp.diff(system.residual(c), c.symbols[2]) / system.jacobian[c.name] ** 2
+    return min(float(samples(system, run, slope).min()) for run in runs)

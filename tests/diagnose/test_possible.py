@@ -7,7 +7,8 @@ import pytest
 from test_diagnosis import recorded
 
 from frictionpinn.diagnose.bench import Bench
-from frictionpinn.diagnose.candidates import candidates, fastest_period, impossible, moving_mass, scales
+from frictionpinn.diagnose.candidates import candidates, impossible, scales
+from frictionpinn.numerics.along import fastest_period, moving_mass
 from frictionpinn.physics import LAWS
 from frictionpinn.physics.effects import effects_for
 from frictionpinn.physics.mechanism import Mechanism
@@ -69,5 +70,5 @@ def test_a_strength_that_the_data_do_not_tell_from_zero_is_refused(drive, name, 
 
 def test_scales_of_the_motion_are_those_of_the_recording(drive):
     bench, _ = drive
-    assert 0.1 < fastest_period(bench) < 0.7  # forces of 1 and 1.5 Hz, and what friction adds to them
-    assert moving_mass(bench) == pytest.approx(1.0)
+    assert 0.1 < fastest_period(bench.runs) < 0.7  # forces of 1 and 1.5 Hz, and what friction adds to them
+    assert moving_mass(bench.mechanism.system, bench.runs) == pytest.approx(1.0)
