@@ -133,8 +133,8 @@ def impossible(
     if late and abs(values[late]) > (period := fastest_period(bench.runs)):
         return f"{late} of {values[late]:.3g} s, longer than a period of the fastest motion, {period:.3g} s"
     kind, _, contact = candidate.effect.partition("@")
-    own, system = values[candidate.strengths[0]], bench.mechanism.system.at(contact)
-    if kind == "inertia" and own < 0 and own <= -moving_mass(system, bench.runs):
+    own, system = values[candidate.strengths[0]], bench.mechanism.system
+    if kind == "inertia" and own < 0 and own <= -moving_mass(system.at(contact), bench.runs):
         return f"inertia of {own:.3g} makes the moving mass negative"
     intervals = [] if ci95 is None else [ci95[name] for name in candidate.strengths]
     if not np.isfinite(intervals).all():

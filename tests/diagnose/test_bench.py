@@ -13,7 +13,9 @@ from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose import bench as benches
 from frictionpinn.diagnose.bench import Bench
+from frictionpinn.diagnose.candidates import candidates, scales
 from frictionpinn.diagnose.fit import Fit
+from frictionpinn.diagnose.select import Settings, select
 from frictionpinn.numerics.descent import State
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
 from frictionpinn.physics.contacts import law_named
@@ -115,15 +117,35 @@ def test_what_stays_moves_to_the_minimum_of_the_quadratic_model_without_what_goe
     assert free == pytest.approx({"mu_c": 0.5 + moved[0], "drag": 0.0, "shape": 0.3 + moved[1]})
 
 
+def gone_wrong(bench: Bench, right: Fit, factor: float) -> Fit:
+    """A fit of the same parameters that ended elsewhere, and higher."""
+    far = {name: factor * right.values[name] for name in ("sigma_0", "mu_s", "v_s")}
+    wrong = bench.refit(right, ("mu_c",), right.values | far)
+    assert wrong.state.cost > right.state.cost + 100
+    problem = bench.problem_of(bench.problem, right.names, wrong.values, wrong.models[0].simulator)
+    there = problem.evaluator(wrong.models, wrong.sigmas)(problem.space.to_search(wrong.values), wrong.locals, True)
+    return replace(wrong, names=right.names, state=there)
+
+
 def test_a_fit_in_a_wrong_minimum_is_found_again_from_the_declared_start(pushed):
     right = pushed.refit(pushed.base, (*pushed.declared, "constant_force"), pushed.base.values)
-    far = {name: 3.0 * right.values[name] for name in ("sigma_0", "mu_s", "v_s")}
-    wrong = pushed.refit(right, ("mu_c",), right.values | far)
-    wrong = replace(wrong, names=right.names, state=replace(wrong.state, u=right.state.u))
-    assert wrong.state.cost > right.state.cost + 100
+    wrong = gone_wrong(pushed, right, 3.0)
     again = pushed.afresh(wrong)
     assert again.state.cost == pytest.approx(right.state.cost, abs=0.5)
     assert again.values["constant_force"] == pytest.approx(FORCE, rel=0.1)
+
+
+def test_where_an_effect_leads_out_of_a_wrong_minimum_the_model_without_it_follows():
+    bench = bench_of(["constant_force"], {"constant_force": FORCE})
+    right, bench.base = bench.base, gone_wrong(bench, bench.base, 1.5)
+    effect = EFFECTS["constant_force"]()
+    options = candidates(
+        [effect], bench.mechanism.system, bench.mechanism.law, scales(bench.mechanism.system, bench.runs)
+    )
+    found = select(bench, options, (), {}, Settings())
+    assert [a.candidate.name for a in found.accepted] == ["constant_force"]
+    assert found.base.state.cost == pytest.approx(right.state.cost, abs=2.0)
+    assert found.fit.values["constant_force"] == pytest.approx(FORCE, rel=0.1)
 
 
 def test_a_force_that_goes_from_one_mass_to_the_other_strains_the_coupling_and_leaves_the_motion():
