@@ -64,6 +64,11 @@ class Contender:
     gain: float | None = None  # log-likelihood that the held-out trials gain
 
     @property
+    def candidate(self) -> Candidate:
+        """What it is a fit of."""
+        return self.tested.candidate
+
+    @property
     def cost(self) -> float:
         """Negative evidence of all trials."""
         return self.fit.cost + (self.surprise.moved if self.surprise else 0.0)
@@ -94,7 +99,7 @@ def _lowest(found: Iterable[Contender]) -> list[Contender]:
     """The best fit of each candidate, the best first."""
     best: dict[str, Contender] = {}
     for c in sorted(found, key=lambda c: c.fit.cost):
-        best.setdefault(c.tested.candidate.name, c)
+        best.setdefault(c.candidate.name, c)
     return list(best.values())
 
 
@@ -149,30 +154,30 @@ def judged(
         asked: of these the heads, and what the tests do not tell from them.
         settings: significances and budgets.
     """
-    reference, able = surprise(bench, before), [(c, impossible(bench, c.tested.candidate, c.fit.values)) for c in found]
-    refused, left = [Refused(c.tested.candidate, why) for c, why in able if why], [c for c, why in able if not why]
+    reference, able = surprise(bench, before), [(c, impossible(bench, c.candidate, c.fit.values)) for c in found]
+    refused, left = [Refused(c.candidate, why) for c, why in able if why], [c for c, why in able if not why]
     # Of what was tested twice the test at the sample, which comes first, is taken.
     classes = [{t.candidate.name: t for t in (head, *group)} for head, group in asked[::-1]]
     out, afresh = set[str](), dict[str, float]()  # what is refused, and what a fit afresh came to
-    while left := [c for c in left if c.tested.candidate.name not in out]:
+    while left := [c for c in left if c.candidate.name not in out]:
         alike = [{n: t for n, t in members.items() if n not in out} for members in classes]
         left = _as_near(bench, before, left, alike, afresh, settings)
         for c in left:
             gain, need = before.state.cost - c.fit.state.cost, needed(c.tested, settings)
             if gain < need:
-                out.add(c.tested.candidate.name)
+                out.add(c.candidate.name)
                 why = f"refitted, it gains {gain:.3g} in log-likelihood; {need:.3g} are needed"
-                refused.append(Refused(c.tested.candidate, why))
-        if not (left := [c for c in left if c.tested.candidate.name not in out]):
+                refused.append(Refused(c.candidate, why))
+        if not (left := [c for c in left if c.candidate.name not in out]):
             break
         near = _checked(bench, [c for c in left if c.fit.cost < left[0].fit.cost + settings.told_apart])
-        if reference is not None and (failed := [c.tested.candidate for c in near if c.surprise is None]):
+        if reference is not None and (failed := [c.candidate for c in near if c.surprise is None]):
             refused += [Refused(candidate, "held-out trials cannot be simulated with it") for candidate in failed]
             out |= {candidate.name for candidate in failed}
             continue
         best = min(near, key=lambda c: c.cost)
         level = [c for c in near if c.cost < best.cost + settings.tied]
-        winner = min(level, key=lambda c: (c.tested.candidate.usual, min(c.fit.values[n] for n in c.tested.step) < 0))
+        winner = min(level, key=lambda c: (c.candidate.usual, min(c.fit.values[n] for n in c.tested.step) < 0))
         rivals = [c for c in near if c is not winner and c.cost < best.cost + settings.told_apart]
         held: float | None = None
         if reference is not None and (there := winner.surprise) is not None:
@@ -182,14 +187,14 @@ def judged(
             near = [c for c in near if c is not winner and c not in rivals]
             return replace(winner, gain=held), rivals, refused + [explains_less(c, winner) for c in near]
         why = f"held-out trials do not improve ({held:+.3g} in log-likelihood)"
-        refused.append(Refused(winner.tested.candidate, why))
-        out.add(winner.tested.candidate.name)
+        refused.append(Refused(winner.candidate, why))
+        out.add(winner.candidate.name)
     return None, [], refused
 
 
 def explains_less(c: Contender, winner: Contender) -> Refused:
     """A contender that is not kept, since another one is."""
-    return Refused(c.tested.candidate, f"explains less than {winner.tested.candidate.name}")
+    return Refused(c.candidate, f"explains less than {winner.candidate.name}")
 
 
 def _checked(bench: Bench, near: Sequence[Contender]) -> list[Contender]:
@@ -219,17 +224,19 @@ def _as_near(
         return tested and c.tested.statistic / 2 > max(gain + settings.told_apart, best - settings.told_apart)
 
     while True:
-        while anew := [c for c in found if short(c) and c.fit.cost < done.get(c.tested.candidate.name, np.inf)]:
-            own = anew[0].tested.candidate
+        while anew := [
+            c for c in found if short(c) and c.fit.cost < done.get(c.candidate.name, np.inf) - settings.tied
+        ]:
+            own = anew[0].candidate
             again = replace(anew[0], fit=bench.afresh(anew[0].fit, reach(anew[0].tested)))
             alike = {own.name}.union(*(members for members in classes if own.name in members))
-            done |= dict.fromkeys(alike, again.fit.cost - settings.tied)
+            done |= dict.fromkeys(alike, again.fit.cost)
             found = found if impossible(bench, own, again.fit.values) else _lowest([*found, again])
-        head, costs = found[0], {c.tested.candidate.name: c.fit.cost for c in found}
+        head, costs = found[0], {c.candidate.name: c.fit.cost for c in found}
         near = [c for c in found if c.fit.cost < head.fit.cost + settings.told_apart]
         pairs = dict[str, tuple[Contender, Tested]]()
         for members in classes:
-            for like in [c for c in near if c.tested.candidate.name in members][:1]:
+            for like in [c for c in near if c.candidate.name in members][:1]:
                 worse = like.fit.cost + settings.tied
                 pairs |= {n: (like, t) for n, t in members.items() if costs.get(n, np.inf) > worse}
         found = _lowest([*found, *_imitations(bench, before, list(pairs.values()))])

@@ -118,25 +118,28 @@ def select(
         if not asked:
             break
         winner, rivals, refused = judged(bench, before, refitted(bench, before, asked, settings), asked, settings)
+        lower = None if winner is None else _without(bench, winner.fit, winner.candidate)
+        if lower is not None and lower.state.cost < before.state.cost - settings.told_apart:
+            selection.fit, selection.last = lower, tested(lower, selection.accepted)
+            if selection.accepted:
+                selection.fits[selection.accepted[-1].candidate.name] = lower
+            else:
+                selection.base = lower
+            continue
         selection.refused |= {r.candidate.name: r for r in refused}
         if winner is None:
             break
-        lower = _without(bench, winner.fit, winner.tested.candidate)
-        if lower is not None and lower.state.cost < before.state.cost - settings.told_apart:
-            selection.base, selection.fit = selection.base if selection.accepted else lower, lower
-            selection.last = tested(lower, selection.accepted)
-            continue
         saved = replace(selection, accepted=list(selection.accepted), fits=dict(selection.fits))
-        selection.accepted.append(Accepted(winner.tested.candidate, winner.tested, _evidence(before, winner)))
+        selection.accepted.append(Accepted(winner.candidate, winner.tested, _evidence(before, winner)))
         selection.fit = bench.settle(winner.fit)
         dropped = _drop(bench, selection, settings)
         selection.last = tested(selection.fit, selection.accepted)
         if why := _impossible(bench, selection):
-            selection, dropped = saved, [Refused(winner.tested.candidate, why)]
-        elif selection.accepted and (own := selection.accepted[-1]).candidate is winner.tested.candidate:
+            selection, dropped = saved, [Refused(winner.candidate, why)]
+        elif selection.accepted and (own := selection.accepted[-1]).candidate is winner.candidate:
             beside = {t.candidate.name for t in selection.last.tested if t.log_p < chance}
-            dropped += [explains_less(c, winner) for c in rivals if c.tested.candidate.name in beside]
-            alike = [c for c in rivals if c.tested.candidate.name not in beside]
+            dropped += [explains_less(c, winner) for c in rivals if c.candidate.name in beside]
+            alike = [c for c in rivals if c.candidate.name not in beside]
             selection.accepted[-1] = replace(own, alike=_alike(bench, options, winner, alike))
         selection.refused |= {r.candidate.name: r for r in dropped}
         banned |= {r.candidate.name for r in dropped}
@@ -189,8 +192,8 @@ def _alike(
     bench: Bench, options: Sequence[Candidate], winner: Contender, alike: Sequence[Contender]
 ) -> tuple[tuple[Candidate, dict[str, float]], ...]:
     """What is alike, with its strengths: fits that are about as good, and what is the same by definition."""
-    others = [(c.tested.candidate, {n: c.fit.values[n] for n in c.tested.candidate.strengths}) for c in alike]
-    same = _equivalents(bench, winner.tested.candidate, winner.fit.values)
+    others = [(c.candidate, {n: c.fit.values[n] for n in c.candidate.strengths}) for c in alike]
+    same = _equivalents(bench, winner.candidate, winner.fit.values)
     listed = {candidate.name for candidate, _ in others}
     return (*others, *(
         (c, {n: same[n] for n in c.strengths})

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
+from frictionpinn.diagnose.candidates import candidates, impossible, scales
 from frictionpinn.diagnose.diagnosis import diagnose
 from frictionpinn.export.augmented import load_augmented
 from frictionpinn.physics import SYSTEMS
@@ -61,6 +64,19 @@ def test_friction_is_a_candidate_where_none_was_declared_and_there_alone(mechani
 def test_a_name_without_a_contact_asks_for_the_effect_at_each(mechanism):
     names = [e.name for e in effects_for(mechanism.system, mechanism.law, ["drag", "inertia@hinge"])]
     assert names == ["drag@box", "drag@hinge", "inertia@hinge"]
+
+
+def test_values_that_no_mechanism_can_have_are_asked_of_effects_at_no_contact_as_well(mechanism, dry):
+    system, law, runs = mechanism.system, mechanism.law, dry.bench.runs
+    kinds = [e for e in effects_for(system, law) if "@" not in e.name]
+    tested = Mechanism(system, law, tuple(kinds))
+    bench = SimpleNamespace(mechanism=mechanism, tested=tested, runs=runs, sizes=dry.bench.sizes)
+    options = candidates(kinds, system, law, scales(system, runs))
+    assert len({c.effect for c in options}) > 3
+    for c in options:
+        tiny = dict.fromkeys((*c.strengths, *c.hidden), 1e-06)
+        assert impossible(bench, c, tiny) == ""
+        assert "is no number" in impossible(bench, c, tiny | {c.strengths[0]: np.nan})
 
 
 def test_what_has_no_name_is_looked_for_at_each_contact(mechanism):
