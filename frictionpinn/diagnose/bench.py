@@ -14,7 +14,7 @@ from ..data.recording import Recording
 from ..errors import UserError
 from ..identify.likelihood import minima_around
 from ..identify.problem import Problem
-from ..identify.tether import Path, followed, tethered
+from ..identify.tether import Path, Seen, followed, tethered
 from ..identify.trial import TrialModel
 from ..numerics.descent import coarse_to_fine, moved, reduced
 from ..numerics.parallel import in_parallel
@@ -249,11 +249,11 @@ class Bench:
         the effects as they are, the whole trials held to the motion that was measured and let go of."""
         values = fit.values | {name: self.problem.start[name] for name in self.declared}
         problem = self.problem_of(self.problem, fit.names, values, fit.models[0].simulator, limits)
-        held, best, u = tethered(problem), fit, problem.space.to_search(values)
+        held, best, u, seen = tethered(problem), fit, problem.space.to_search(values), Seen()
         for coarse in (False, True):
             path = Path(problem, held, fit.sigmas, coarse)
             try:
-                ends = followed(path, [u], path.stages)
+                ends = followed(path, [u], path.stages, seen)
             except np.linalg.LinAlgError:  # derivatives that overflow
                 break
             for end, _ in ends[:1]:

@@ -33,6 +33,7 @@ from ..numerics.descent import (
     CLOSELY,
     KNOWN,
     Evaluate,
+    Known,
     Solution,
     State,
     coarse_to_fine,
@@ -40,7 +41,7 @@ from ..numerics.descent import (
     reduced,
     same_minimum,
 )
-from ..numerics.minima import AT_ONCE, KICKS, assembled, carried, lowest_of_trials
+from ..numerics.minima import AT_ONCE, KICKS, assembled, carried, lowest_of_trials, replaced
 from ..numerics.parallel import in_parallel
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.base import plain_name
@@ -49,7 +50,7 @@ from ..progress import counted
 from .problem import Problem
 from .result import Estimate, Minimum
 from .start import coarse_design, ridge_grid, ridges
-from .tether import Found, Path, followed, lowest, tethered
+from .tether import Found, Path, Seen, followed, lowest, tethered
 from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours
 
@@ -101,19 +102,22 @@ def maximum_likelihood(
     before = problem.simulations
     given = [problem.start] if start is None else [problem.start, problem.start | dict(start)]
     us, held, sigmas = [problem.space.to_search(p) for p in given], tethered(problem), dict(problem.sigmas)
-    ends, settled = list[Found](), None
+    ends, seen = list[Found](), Seen()
     for coarse in (False, True) if held else (True,):
         path = Path(problem, held, sigmas, coarse)
-        ends = sorted([*ends, *followed(path, us, path.stages)], key=lambda end: end[0].state.cost)
-        settled = _settled(problem, ends[0][1], ends[0][0], sigmas) if ends else None
-        if settled is not None and _white(problem, settled[0].state):
-            break
+        if found := followed(path, us, path.stages, seen):
+            ends = sorted([*ends, *found], key=lambda end: end[0].state.cost)
+            settled = _settled(problem, ends[0][1], ends[0][0], sigmas)
+            if _white(problem, settled[0].state):
+                break
     else:  # another start may explain more
-        found, sigmas = _elsewhere(problem, held)
-        ends = sorted([*found, *_again(problem, ends[:1], sigmas)], key=lambda end: end[0].state.cost)
-        if not ends:
+        found, sigmas = _elsewhere(problem, held, seen)
+        if found:
+            found += [again for end in ends[:1] for again in _again(problem, end, sigmas)]
+            ends = sorted(found, key=lambda end: end[0].state.cost)
+            settled = _settled(problem, ends[0][1], ends[0][0], sigmas)
+        elif not ends:
             return failed(problem, time.perf_counter() - began, problem.simulations - before)
-        settled = _settled(problem, ends[0][1], ends[0][0], sigmas)
     (solution, sigmas), models = settled, ends[0][1]
     minima = [solution]
     if thorough:
@@ -162,7 +166,7 @@ def minima_around(
         ways.append(([away(np.log(factor) * at) for factor in STIFFNESSES], widths[-2:]))
     ways += [([state], widths[-1:]) for state in beginnings(problem, found.state)]
 
-    def followed(begun: Sequence[tuple[State, list[float]]], known: list[State]) -> list[Solution | None]:
+    def followed(begun: Sequence[tuple[State, list[float]]], known: list[Known]) -> list[Solution | None]:
         def follow(k: int) -> Solution | None:
             return coarse_to_fine(evaluate, begun[k][0], limits, begun[k][1], known)
 
@@ -171,7 +175,7 @@ def minima_around(
     ends = [found]
     while ways:
         begun = [(k, first, own) for k, (firsts, own) in enumerate(ways) for first in firsts[:AT_ONCE]]
-        made = followed([(first, own) for _, first, own in begun], [end.state for end in ends])
+        made = followed([(first, own) for _, first, own in begun], [Known.of(end.state) for end in ends])
         elsewhere = [(k, end) for (k, *_), end in zip(begun, made, strict=True) if end is None or end.reason != KNOWN]
         ends += [end for _, end in elsewhere if end is not None]
         left = {k for k, _ in elsewhere}
@@ -192,15 +196,7 @@ def beginnings(problem: Problem, state: State) -> list[State]:
     level = {name: UNTOLD_REST * problem.sigmas.get(name, np.inf) for name in velocities}
     at = [[k for k, name in enumerate(model.states) if name in velocities and abs(x[k]) < level[name]]
           for model, x in zip(problem.trials, state.locals, strict=True)]  # fmt: skip
-    if not any(at):
-        return []
-    made = []
-    for velocity in (0.0, BARELY, -BARELY):
-        locals_ = tuple(x.copy() for x in state.locals)
-        for x, own in zip(locals_, at, strict=True):
-            x[own] = velocity
-        made.append(replace(state, locals=locals_))
-    return made
+    return [replaced(state, at, v) for v in (0.0, BARELY, -BARELY)] if any(at) else []
 
 
 def _white(problem: Problem, state: State) -> bool:
@@ -209,27 +205,25 @@ def _white(problem: Problem, state: State) -> bool:
     return whiteness(rows, round(problem.resolutions[0] / problem.interval)) > SIGNIFICANCE
 
 
-def _elsewhere(problem: Problem, held: Problem | None) -> tuple[list[Found], dict[str, float]]:
-    """Fits of the whole trials from starts that a design holds, best first, and noise levels to begin with."""
+def _elsewhere(problem: Problem, held: Problem | None, seen: Seen) -> tuple[list[Found], dict[str, float]]:
+    """Fits of the whole trials from starts that a design holds, best first, and noise levels to begin with: without
+    what comes to minima that were ``seen`` at the noise levels of the problem."""
     space, path = problem.space, Path(problem, held, problem.sigmas, coarse=True)
-    begun = followed(path, lowest(path, coarse_design(problem), BEST), path.stages[:1])
+    begun = followed(path, lowest(path, coarse_design(problem), BEST), path.stages[:1], {})
     if not begun:
         return [], dict(problem.sigmas)
     best = begun[0][0].state
     grid = [u for pair in ridges(space) for u in ridge_grid(space, best.u, problem.fixed, pair)]
     us = [end.state.u for end, _ in begun] + lowest(path, grid, BEST)
     path = replace(path, sigmas=_louder(problem, best))
-    return followed(path, us, path.stages), dict(path.sigmas)
+    return followed(path, us, path.stages, seen if path.sigmas == problem.sigmas else {}), dict(path.sigmas)
 
 
-def _again(problem: Problem, ends: Sequence[Found], sigmas: Mapping[str, float]) -> list[Found]:
-    """Minima at other noise levels."""
-    made = []
-    for end, models in ends:
-        evaluate = problem.evaluator(models, sigmas)
-        if (first := evaluate(end.state.u, end.state.locals, True)) is not None:
-            made.append((levenberg_marquardt(evaluate, first, problem.space.limits, **CLOSELY), models))
-    return made
+def _again(problem: Problem, end: Found, sigmas: Mapping[str, float]) -> list[Found]:
+    """A minimum at other noise levels."""
+    evaluate = problem.evaluator(end[1], sigmas)
+    first = evaluate(end[0].state.u, end[0].state.locals, True)
+    return [(levenberg_marquardt(evaluate, first, problem.space.limits, **CLOSELY), end[1])] if first else []
 
 
 def _settled(
@@ -240,9 +234,8 @@ def _settled(
     if len(problem.given) == len(problem.sigmas):
         return levenberg_marquardt(problem.evaluator(models, sigmas), solution.state, limits, iterations=20), sigmas
     for left in counted(range(NOISE_ROUNDS)[::-1], "noise levels"):
-        new = _sigmas_of(problem, models, solution.state)
-        change = max(abs(np.log(new[name] / sigmas[name])) for name in new)
-        sigmas = new
+        before, sigmas = sigmas, _sigmas_of(problem, models, solution.state)
+        change = max(abs(np.log(sigmas[name] / before[name])) for name in sigmas)
         evaluate = problem.evaluator(models, sigmas)
         first = evaluate(solution.state.u, solution.state.locals, True)
         if first is None:

@@ -26,10 +26,12 @@ import sympy as sp
 from ..numerics.descent import (
     CLOSELY,
     GIVEN,
+    KNOWN,
     NEAR,
     ROUGHLY,
     UNFINISHED,
     Evaluate,
+    Known,
     Solution,
     State,
     levenberg_marquardt,
@@ -58,6 +60,7 @@ SLOPPY = {"rtol": 1e-3, "atol": 1e-4}  # errors of a step in ranking starts: far
 
 Stage = tuple[float, float]  # tether, 1/s, and resolution in time, s
 Found = tuple[Solution, tuple[TrialModel, ...]]  # where a search ended, and the models of the trials there
+Seen = dict[Stage, list[Known]]  # minima of the stages that searches have been in
 
 
 @dataclass(frozen=True, repr=False)
@@ -154,15 +157,16 @@ def lowest(path: Path, us: Sequence[np.ndarray], count: int) -> list[np.ndarray]
     return [us[k] for k in np.argsort(costs, kind="stable")[:count] if np.isfinite(costs[k])]
 
 
-def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage]) -> list[Found]:
+def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen: Seen) -> list[Found]:
     """Fits of the whole trials, best first: all starts in the first stage, and from one stage to the next the best of
-    these. Another stays beside it as long as it is about as good but elsewhere.
+    these. Another stays beside it as long as it is about as good but elsewhere. What comes to a minimum that was
+    ``seen`` by a search at these noise levels would go its way, and is left; those that are followed are added.
 
-    Empty where the best comes to no end at the sample, however closely it is held: that is too rugged to begin with.
+    Empty where all are left, or where the best comes to no end at the sample, however closely it is held: that is too
+    rugged to begin with.
     """
     limits, last = path.problem.space.limits, path.stages[-1]
-    begun = [pair for u in us if (pair := begun_at(path.problem, u)) is not None]
-    ends = [(Solution(state, GIVEN), models) for state, models in begun]
+    ends = [(Solution(pair[0], GIVEN), pair[1]) for u in us if (pair := begun_at(path.problem, u)) is not None]
 
     def step(before: Stage, stage: Stage, end: Found, halved: int = 0) -> Found | None:
         """The next minimum; over tethers between, where let go of at once the motion of a trial would be lost."""
@@ -176,23 +180,28 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage]) -> l
         if first is None:
             return None
         how = (CLOSELY if stage == last else ROUGHLY) | {"damping": 0.0 if at.reason == GIVEN else NEAR}
-        return levenberg_marquardt(evaluate, first, limits, **how), models
+        return levenberg_marquardt(evaluate, first, limits, known=seen.get(stage, ()), **how), models
 
     def searched(ends: Sequence[Found], before: Stage, stage: Stage, k: int) -> Found | None:
         return step(before, stage, ends[k])
 
     for before, stage in pairwise((stages[0], *stages)):
         found = in_parallel(partial(searched, ends, before, stage), [1.0] * len(ends), "whole trials")
-        if lower := sorted(filter(None, found), key=lambda end: end[0].state.cost):
-            best, ends = lower[0][0].state, lower[:1]
-            for end in lower[1:]:
-                near = end[0].state.cost <= best.cost + AS_NEAR * best.unit
-                if stage == last or (near and not any(same_minimum(other.state, end[0].state) for other, _ in ends)):
-                    ends.append(end)
-        elif ends and ends[0][0].reason == GIVEN:
+        lower = sorted(filter(None, found), key=lambda end: end[0].state.cost)
+        if not lower:
+            ends = [end for end in ends if end[0].reason != GIVEN]
+            continue
+        if not path.coarse and stage == stages[0] and lower[0][0].reason == UNFINISHED:
             return []
-        if not path.coarse and stage == stages[0] and ends and ends[0][0].reason == UNFINISHED:
+        best, ends = lower[0][0].state, []
+        for end in lower:
+            near = end[0].state.cost <= best.cost + AS_NEAR * best.unit
+            apart = near and not any(same_minimum(other.state, end[0].state) for other, _ in ends)
+            if end[0].reason != KNOWN and (apart or stage == last):
+                ends.append(end)
+        if not ends:
             return []
+        seen.setdefault(stage, []).extend(Known.of(end.state) for end, _ in ends)
     return ends
 
 

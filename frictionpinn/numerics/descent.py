@@ -25,7 +25,7 @@ NEAR = 1e-3  # damping of a search that is to stay in its minimum
 STUCK, MOST_REJECTED = 1e12, 8  # damping beyond which no step will help; rejected steps in a row: from 0 to 1e6
 TRUSTED = 0.75, 1.5  # decrease over that predicted
 SMALL = 5.0  # times the decrease asked for: two steps in a row that gain less end the search (the cost has kinks)
-SAME_MINIMUM = 0.2  # log-likelihood: a point that is as near to a minimum as that lies in it
+SAME_MINIMUM = 0.2  # log-likelihood (:attr:`State.unit`): a point that is as near to a minimum as that lies in it
 MOVES = 50  # times at most are stops moved, a budget: each gains that much in a trial
 ROUGHLY: dict[str, Any] = {"iterations": 20, "decrease": 0.1}  # of a search at a coarse resolution
 CLOSELY: dict[str, Any] = {"iterations": 20, "decrease": 0.03}  # at the sample; noise levels are refined afterwards
@@ -210,6 +210,31 @@ def _step(
     return du, dl, decrease
 
 
+@dataclass(frozen=True)
+class Known:
+    """A minimum as other searches ask of it.
+
+    Attributes:
+        u, S: global unknowns, shape (n,), and the information on them, shape (n, n).
+        cost, unit: of its state.
+    """
+
+    u: np.ndarray
+    S: np.ndarray
+    cost: float
+    unit: float
+
+    @classmethod
+    def of(cls, state: State) -> Known:
+        """That of a state with derivatives."""
+        return cls(state.u, reduced(state)[0], state.cost, state.unit)
+
+    def holds(self, u: np.ndarray, cost: float) -> bool:
+        """Whether a point lies in it: as near as a fraction of its errors, and about as low."""
+        d, worth = u - self.u, SAME_MINIMUM * self.unit
+        return bool(0.5 * d @ self.S @ d < worth and abs(cost - self.cost) < worth)
+
+
 def levenberg_marquardt(evaluate: Evaluate, start: State, limits: Limits, **options: Any) -> Solution:
     """Minimise the cost within bounds on the global unknowns, and go on where stops can be moved to gain.
 
@@ -233,7 +258,7 @@ def _descended(
     iterations: int = 60,
     decrease: float = 3e-3,
     damping: float = NEAR,
-    known: Sequence[State] = (),
+    known: Sequence[Known] = (),
 ) -> Solution:
     """Minimise the cost within bounds on the global unknowns.
 
@@ -251,19 +276,18 @@ def _descended(
         iterations, decrease: steps at most, and what is worth one.
         damping: of the first step. Without any it goes far, as a search for more than the nearest minimum should;
             little holds fast what differs little from all else (drag beside viscous friction).
-        known: minima, with derivatives: a search that the undamped model leads into one of them ends.
+        known: minima: a search that the undamped model leads into one of them ends.
 
     Source: Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05 (1999), for the damping.
     """
     state, growth, small, holds = start, 2.0, 0, True
     trust = False  # the last step came out as predicted: the next is taken with derivatives at once
-    minima = [(best, reduced(best)[0]) for best in known]
     for _ in range(iterations):
         worth = decrease * state.unit
         full = _step(state, 0.0, limits)
         if full is not None and abs(full[2]) < worth:
             return Solution(state, "converged")
-        if full is not None and any(_near(best, S, state.u + full[0], state.cost - full[2]) for best, S in minima):
+        if full is not None and any(minimum.holds(state.u + full[0], state.cost - full[2]) for minimum in known):
             return Solution(state, KNOWN)
         rejected, held = 0, frozenset[int]()
         while True:
@@ -306,7 +330,7 @@ def coarse_to_fine(
     first: State,
     limits: Limits,
     widths: Sequence[float],
-    known: Sequence[State] = (),
+    known: Sequence[Known] = (),
 ) -> Solution | None:
     """Follow the minimum from the unknowns ``first`` at a coarse resolution in time to a finer one.
 
@@ -330,11 +354,5 @@ def coarse_to_fine(
 
 
 def same_minimum(best: State, state: State) -> bool:
-    """Whether a state lies in the minimum of ``best``: as near as a fraction of its errors, and about as low."""
-    return _near(best, reduced(best)[0], state.u, state.cost)
-
-
-def _near(best: State, S: np.ndarray, u: np.ndarray, cost: float) -> bool:
-    """The same of global unknowns and their cost, ``S`` the information at the minimum."""
-    d = u - best.u
-    return bool(0.5 * d @ S @ d < SAME_MINIMUM and abs(cost - best.cost) < SAME_MINIMUM)
+    """Whether a state lies in the minimum of ``best``."""
+    return Known.of(best).holds(state.u, state.cost)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .descent import CLOSELY, Evaluate, Limits, Solution, State, coarse_to_fine, levenberg_marquardt, moved
+from .descent import CLOSELY, Evaluate, Known, Limits, Solution, State, coarse_to_fine, levenberg_marquardt, moved
 from .parallel import in_parallel
 from .score import inverse_root
 
@@ -42,7 +42,7 @@ def lowest_of_trials(
             way = -way if opposite else _direction(rng, len(best))
             root = inverse_root(known.pieces[0].ll)  # of the directions that the data tell
             begun = replace(known, locals=(best + kick * (root @ way[: root.shape[1]]),))
-            end = coarse_to_fine(alone[k], begun, (u, u), widths[-1 - opposite :], [known])
+            end = coarse_to_fine(alone[k], begun, (u, u), widths[-1 - opposite :], [Known.of(known)])
             if end is not None and end.state.cost < known.cost:
                 known, best = end.state, end.state.locals[0]
         return best
@@ -55,6 +55,14 @@ def _direction(rng: np.random.Generator, n: int) -> np.ndarray:
     """A direction at random, as long as n standard errors at once, (n,)."""
     z = rng.standard_normal(n)
     return z * np.sqrt(n / (z @ z))
+
+
+def replaced(state: State, at: Sequence[Sequence[int]], value: float) -> State:
+    """The state with those of each trial's own unknowns that stand ``at`` these places at another value."""
+    locals_ = tuple(x.copy() for x in state.locals)
+    for x, own in zip(locals_, at, strict=True):
+        x[list(own)] = value
+    return replace(state, locals=locals_)
 
 
 def carried(states: Iterable[State], u: np.ndarray, limits: Limits) -> Iterator[list[np.ndarray]]:

@@ -17,6 +17,7 @@ from frictionpinn.numerics import parallel
 from frictionpinn.numerics.descent import (
     KNOWN,
     NEAR,
+    Known,
     Piece,
     Solution,
     State,
@@ -102,7 +103,9 @@ def test_a_search_ends_where_it_comes_back_to_a_known_minimum_and_goes_on_where_
     limits = (np.array([-10.0]), np.array([10.0]))
     left = levenberg_marquardt(evaluate, evaluate(np.array([1.0]), [np.zeros(0)], True), limits).state
     for at, reason, minimum in ((-1.5, KNOWN, 0.0), (6.0, "converged", 5.0)):
-        found = levenberg_marquardt(evaluate, evaluate(np.array([at]), [np.zeros(0)], True), limits, known=[left])
+        found = levenberg_marquardt(
+            evaluate, evaluate(np.array([at]), [np.zeros(0)], True), limits, known=[Known.of(left)]
+        )
         assert found.reason == reason
         assert reason == KNOWN or found.state.u[0] == pytest.approx(minimum, abs=1e-2)
 

@@ -64,7 +64,7 @@ def test_tethers_double_from_a_stretch_of_low_speed_to_beyond_the_longest_trial(
 def test_let_go_the_fit_ends_in_the_minimum_of_the_truth(box):
     problem, truth = box
     path = Path(problem, tethered(problem), problem.sigmas)
-    found = followed(path, [problem.space.to_search(problem.start)], path.stages)
+    found = followed(path, [problem.space.to_search(problem.start)], path.stages, {})
     solution, models = found[0]
     evaluate = problem.evaluator(models)
     begun = evaluate(problem.space.to_search(truth), [m.local[: m.size(problem.joint)] for m in models], True)
@@ -77,8 +77,19 @@ def test_a_path_whose_first_search_at_the_sample_comes_to_no_end_is_not_walked(b
     path, asked, cost = Path(problem, tethered(problem), problem.sigmas), [], Path.cost
     monkeypatch.setattr(Path, "cost", lambda self, models, stage: asked.append(stage) or cost(self, models, stage))
     monkeypatch.setattr("frictionpinn.identify.tether.ROUGHLY", {"iterations": 1, "decrease": 0.1})
-    assert followed(path, [problem.space.to_search(problem.start)], path.stages) == []
+    assert followed(path, [problem.space.to_search(problem.start)], path.stages, {}) == []
     assert set(asked) == {path.stages[0]}
+
+
+def test_what_comes_to_where_another_search_has_been_is_left(box):
+    problem, _ = box
+    path, u, seen = Path(problem, tethered(problem), problem.sigmas), problem.space.to_search(problem.start), {}
+    begun = problem.simulations
+    assert followed(path, [u], path.stages, seen)
+    walked, begun = problem.simulations - begun, problem.simulations
+    assert set(seen) == set(path.stages)
+    assert followed(path, [u + 0.1], path.stages, seen) == []
+    assert problem.simulations - begun < 0.5 * walked
 
 
 @pytest.mark.parametrize("whites", [[True], [False, True]])
@@ -86,9 +97,9 @@ def test_what_is_not_white_is_looked_for_from_the_coarsest_resolution_before_oth
     problem, _ = box
     told, walked = iter([*whites, True]), []
 
-    def walk(path, us, stages):
+    def walk(path, us, stages, seen):
         walked.append([width for _, width in stages if width])
-        return followed(path, us, stages)
+        return followed(path, us, stages, {})
 
     monkeypatch.setattr("frictionpinn.identify.likelihood._white", lambda *_: next(told))
     monkeypatch.setattr("frictionpinn.identify.likelihood.followed", walk)
@@ -141,7 +152,7 @@ def test_a_load_that_barely_breaks_away_is_followed_to_where_the_truth_fits():
     for seed in (2, 5):
         problem = Problem(mechanism, GaussianNoise(0.05)(clean, seed), free=free, fixed=fixed)
         path = Path(problem, tethered(problem), problem.sigmas, coarse=True)
-        (best, _), *_ = followed(path, [problem.space.to_search(problem.start)], path.stages)
+        (best, _), *_ = followed(path, [problem.space.to_search(problem.start)], path.stages, {})
         values = problem.values(best.state.u)
         assert [values[name] for name in free] == pytest.approx([truth[name] for name in free], rel=0.02)
 
