@@ -16,8 +16,9 @@ from ..identify.likelihood import minima_around
 from ..identify.problem import Problem
 from ..identify.tether import Path, Seen, followed, tethered
 from ..identify.trial import TrialModel
-from ..numerics.descent import coarse_to_fine, moved, reduced
+from ..numerics.descent import coarse_to_fine
 from ..numerics.parallel import in_parallel
+from ..numerics.quadratic import moved, reduced
 from ..numerics.simulate import Part, Simulation, Simulator
 from ..physics.base import plain_name
 from ..physics.effect import Effect

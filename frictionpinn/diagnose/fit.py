@@ -17,8 +17,9 @@ from ..identify.result import FAILED, Estimate
 from ..identify.trial import TrialModel
 from ..identify.uncertainty import information_of
 from ..numerics.coloured import outliers
-from ..numerics.descent import Solution, State, invert, reduced
+from ..numerics.descent import Solution
 from ..numerics.loss import Loss
+from ..numerics.quadratic import State, invert, reduced
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.mechanism import Mechanism
 

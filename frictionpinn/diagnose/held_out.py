@@ -10,8 +10,9 @@ import numpy as np
 from ..identify.likelihood import beginnings
 from ..identify.problem import Problem
 from ..identify.trial import TrialModel
-from ..numerics.descent import FAINT, Evaluate, Piece, State, coarse_to_fine, reduced
+from ..numerics.descent import coarse_to_fine
 from ..numerics.minima import assembled, carried
+from ..numerics.quadratic import FAINT, Evaluate, Piece, State, reduced
 from ..numerics.simulate import ContactLost, SimulationFailed
 from .bench import Bench
 from .fit import Fit

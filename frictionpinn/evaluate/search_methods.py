@@ -16,7 +16,8 @@ from scipy import optimize
 from ..identify.problem import Problem
 from ..identify.result import STOPPED, Estimate, Improvement, Minimum
 from ..identify.uncertainty import failed, finish
-from ..numerics.descent import BUDGET, State
+from ..numerics.descent import BUDGET
+from ..numerics.quadratic import State
 
 NO_MODEL = 1e12  # cost of parameters at which the mechanism cannot be simulated
 

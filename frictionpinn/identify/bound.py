@@ -11,7 +11,7 @@ import numpy as np
 from ..data.recording import Recording
 from ..data.simulated import simulate_trials
 from ..errors import UserError
-from ..numerics.descent import reduced
+from ..numerics.quadratic import reduced
 from ..numerics.simulate import ContactLost, SimulationFailed
 from ..physics.mechanism import Mechanism
 from ..show import Shown, Table

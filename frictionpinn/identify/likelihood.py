@@ -29,20 +29,10 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..errors import UserError
-from ..numerics.descent import (
-    CLOSELY,
-    KNOWN,
-    Evaluate,
-    Known,
-    Solution,
-    State,
-    coarse_to_fine,
-    levenberg_marquardt,
-    reduced,
-    same_minimum,
-)
+from ..numerics.descent import CLOSELY, KNOWN, Solution, coarse_to_fine, levenberg_marquardt
 from ..numerics.minima import AT_ONCE, KICKS, assembled, carried, lowest_of_trials, replaced
 from ..numerics.parallel import in_parallel
+from ..numerics.quadratic import Evaluate, Known, State, reduced, same_minimum
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.base import plain_name
 from ..physics.mechanism import Mechanism

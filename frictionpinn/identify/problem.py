@@ -12,11 +12,11 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..errors import choose
-from ..numerics.descent import Evaluate, Piece, State
 from ..numerics.loss import LOSSES, choose_loss
 from ..numerics.motion import smoothed
 from ..numerics.parallel import in_parallel
 from ..numerics.paths import DEGREE
+from ..numerics.quadratic import Evaluate, Piece, State
 from ..numerics.simulate import ContactLost, SimulationFailed, Simulator
 from ..numerics.smoothing import difference_sigma
 from ..physics.mechanism import Mechanism

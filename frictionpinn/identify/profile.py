@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import UserError
-from ..numerics.descent import Evaluate, State, invert, levenberg_marquardt, moved, reduced
+from ..numerics.descent import levenberg_marquardt
+from ..numerics.quadratic import Evaluate, State, invert, moved, reduced
 from ..show import readable_unit
 from .problem import Problem
 from .result import Estimate

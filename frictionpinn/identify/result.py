@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..data.inspect import no_slip
-from ..numerics.descent import Solution, State
+from ..numerics.descent import Solution
+from ..numerics.quadratic import State
 from ..physics.base import at_contact, plain_name
 from ..show import Shown, Table, interval, readable_unit
 from .problem import Problem

@@ -23,23 +23,11 @@ from itertools import pairwise
 import numpy as np
 import sympy as sp
 
-from ..numerics.descent import (
-    CLOSELY,
-    GIVEN,
-    KNOWN,
-    NEAR,
-    ROUGHLY,
-    UNFINISHED,
-    Evaluate,
-    Known,
-    Solution,
-    State,
-    levenberg_marquardt,
-    same_minimum,
-)
+from ..numerics.descent import CLOSELY, GIVEN, KNOWN, NEAR, ROUGHLY, UNFINISHED, Solution, levenberg_marquardt
 from ..numerics.motion import Motion
 from ..numerics.parallel import in_parallel
 from ..numerics.paths import InputPath, cubic
+from ..numerics.quadratic import Evaluate, Known, State, same_minimum
 from ..numerics.simulate import ContactLost, SimulationFailed, Simulator
 from ..physics.base import Parameter
 from ..physics.mechanism import Mechanism

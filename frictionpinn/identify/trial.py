@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..numerics.descent import Piece
 from ..numerics.gram import combined, gram
 from ..numerics.jumps import BESIDE, Jump, jumps_at_rest
 from ..numerics.loss import Loss
 from ..numerics.paths import Directions, InputPath
+from ..numerics.quadratic import Piece
 from ..numerics.resolution import averaged, samples_within
 from ..numerics.simulate import Simulation, Simulator
 from ..numerics.spline_basis import NoisyInput

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..numerics.descent import BUDGET, Evaluate, Limits, Solution, State, invert, moved, reduced
+from ..numerics.descent import BUDGET, Solution
+from ..numerics.quadratic import Evaluate, Limits, State, invert, moved, reduced
 from ..numerics.whiteness import correlation_time
 from ..progress import counted
 from .culprit import culprit

@@ -5,27 +5,22 @@ By Levenberg and Marquardt's method; where it is rugged from a coarse resolution
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.linalg.lapack import dposv
 from scipy.optimize import lsq_linear
 
-from .jumps import Jump
-from .simulate import Simulation
+from .quadratic import FAINT, LONGEST_STEP, SAME_MINIMUM, Evaluate, Known, Limits, State, reduced
 from .stops import past_stops
 
-LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
-FAINT = 0.01  # added to the curvature in log u: that of an unknown told to ten powers of e, which tells nothing
 NEAR = 1e-3  # damping of a search that is to stay in its minimum
 STUCK, MOST_REJECTED = 1e12, 8  # damping beyond which no step will help; rejected steps in a row: from 0 to 1e6
 TRUSTED = 0.75, 1.5  # decrease over that predicted
 SMALL = 5.0  # times the decrease asked for: two steps in a row that gain less end the search (the cost has kinks)
-SAME_MINIMUM = 0.2  # log-likelihood (:attr:`State.unit`): a point that is as near to a minimum as that lies in it
 MOVES = 50  # times at most are stops moved, a budget: each gains that much in a trial
 ROUGHLY: dict[str, Any] = {"iterations": 20, "decrease": 0.1}  # of a search at a coarse resolution
 CLOSELY: dict[str, Any] = {"iterations": 20, "decrease": 0.03}  # at the sample; noise levels are refined afterwards
@@ -36,139 +31,11 @@ GIVEN, BUDGET, KNOWN, UNFINISHED = "as given", "budget", "known", "too many iter
 
 
 @dataclass(frozen=True)
-class Piece:
-    """Contribution of one trial to the cost: value, gradient and Gauss-Newton matrix, split into global and local.
-
-    Attributes:
-        cost: half the sum of squares (or of the robust cost).
-        residuals: signal -> model minus measurement, shape (n,), SI units.
-        gg, gl, ll: blocks of the Gauss-Newton matrix, (n_g, n_g), (n_g, n_l), (n_l, n_l); empty without derivatives.
-        grad_g, grad_l: gradient, (n_g,), (n_l,); empty without derivatives.
-        run: the simulation, where it was asked to be ``strict``: derivatives can be added to it.
-        steps: that the integrator took for it.
-        rows: with derivatives, number of residuals of the outputs at their resolution, in units of their noise the sum
-            of their squares, and of the products of neighbours.
-        jumps, smooth: with derivatives, at the sample: where what is simulated jumps, and, if it does, ``ll`` and
-            ``grad_l`` without the samples beside.
-    """
-
-    cost: float
-    residuals: dict[str, np.ndarray]
-    gg: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    gl: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    ll: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    grad_g: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    grad_l: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    run: Simulation | None = field(default=None, repr=False)
-    steps: int = 0
-    rows: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    jumps: tuple[Jump, ...] = ()
-    smooth: tuple[np.ndarray, np.ndarray] | None = None
-
-
-@dataclass(frozen=True)
-class State:
-    """Unknowns and the cost's local model there.
-
-    Attributes:
-        u: global unknowns, shape (n_g,).
-        locals: local unknowns of every trial.
-        pieces: contributions of every trial, the global columns in u.
-    """
-
-    u: np.ndarray
-    locals: tuple[np.ndarray, ...]
-    pieces: tuple[Piece, ...]
-
-    @property
-    def cost(self) -> float:
-        """Half the sum of squares (or of the robust cost)."""
-        return sum(piece.cost for piece in self.pieces)
-
-    @property
-    def curved(self) -> bool:
-        """Whether it was computed with derivatives."""
-        return all(len(piece.gg) for piece in self.pieces)
-
-    @property
-    def unit(self) -> float:
-        """Difference in cost that is 1 in log-likelihood: more where residuals exceed the noise, or keep their sign.
-
-        With their mean square s and the correlation rho of neighbours, which keep their sign for pi / acos(rho) samples
-        (Rice, Bell Syst. Tech. J. 24, 1945), white noise for 2: s (pi / 2) / acos(rho).
-        """
-        count, squares, products = np.sum([piece.rows for piece in self.pieces], axis=0)
-        if squares == 0:
-            return 1.0
-        rho = min(max(products / squares, 0.0), 1 - 1 / count)
-        return float(max(squares / count * (np.pi / 2) / np.arccos(rho), 1.0))
-
-
-@dataclass(frozen=True)
 class Solution:
     """Where a search ended, and why: "converged", "stuck", "too many iterations"; or one of the reasons above."""
 
     state: State
     reason: str
-
-
-Evaluate = Callable[..., State | None]  # see Problem.evaluator
-Limits = tuple[np.ndarray, np.ndarray]  # bounds of u
-
-
-def reduced(state: State) -> tuple[np.ndarray, np.ndarray, list]:
-    """Eliminate the local unknowns: Schur complement (n_g, n_g), its gradient (n_g,), and what back-substitution needs.
-
-    With H = [[A, B], [B', C]] and C block diagonal over trials, S = A - sum_b B_b C_b^-1 B_b'. Back-substitution needs
-    C_b^-1 [B_b', g_b] of every trial, None where it has no unknowns.
-
-    Raises:
-        numpy.linalg.LinAlgError: a trial's own block is not positive definite.
-    """
-    n = len(state.u)
-    S, g = np.zeros((n, n)), np.zeros(n)
-    back: list[np.ndarray | None] = []
-    for piece in state.pieces:
-        S += piece.gg
-        g += piece.grad_g
-    for piece in state.pieces:
-        if not len(piece.grad_l):
-            back.append(None)
-            continue
-        scale = 1 / np.sqrt(piece.ll.diagonal())
-        matrix = piece.ll * scale[:, None] * scale
-        matrix[np.diag_indices_from(matrix)] = 1 + 1e-13
-        right = np.column_stack([piece.gl.T, piece.grad_l]) * scale[:, None]
-        X, fault = dposv(matrix, right)[1:]  # without checks that take ten times as long for a small matrix
-        if fault:
-            raise np.linalg.LinAlgError(f"not positive definite: minor {fault}")
-        X = X * scale[:, None]
-        S -= piece.gl @ X[:, :n]
-        g -= piece.gl @ X[:, n]
-        back.append(X)
-    return S, g, back
-
-
-def invert(information: np.ndarray) -> np.ndarray:
-    """Inverse of a symmetric positive matrix whose entries differ by decades; huge entries where it is singular."""
-    scale = 1 / np.sqrt(np.maximum(information.diagonal(), 1e-300))
-    scaled = information * scale[:, None] * scale
-    values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
-    values = np.maximum(values, 1e-14)
-    return (vectors / values) @ vectors.T * scale[:, None] * scale
-
-
-def moved(
-    state: State, step: np.ndarray, limits: Limits, longest: float = LONGEST_STEP
-) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Global unknowns after a step from a minimum, (n_g,), and the local ones of every trial as the model moves them.
-
-    The step is shortened to ``longest`` and ends at the limits. With the quadratic model's minimum at the state, x_l
-    moves by -C^-1 B' times the step of u.
-    """
-    back, n = reduced(state)[2], len(state.u)
-    u = np.clip(state.u + step * min(1.0, longest / max(np.abs(step).max(), 1e-12)), *limits)
-    return u, [x if X is None else x - X[:, :n] @ (u - state.u) for x, X in zip(state.locals, back, strict=True)]
 
 
 def _step(
@@ -208,31 +75,6 @@ def _step(
         if len(d):
             decrease -= float(d @ piece.grad_l + 0.5 * d @ piece.ll @ d + du @ piece.gl @ d)
     return du, dl, decrease
-
-
-@dataclass(frozen=True)
-class Known:
-    """A minimum as other searches ask of it.
-
-    Attributes:
-        u, S: global unknowns, shape (n,), and the information on them, shape (n, n).
-        cost, unit: of its state.
-    """
-
-    u: np.ndarray
-    S: np.ndarray
-    cost: float
-    unit: float
-
-    @classmethod
-    def of(cls, state: State) -> Known:
-        """That of a state with derivatives."""
-        return cls(state.u, reduced(state)[0], state.cost, state.unit)
-
-    def holds(self, u: np.ndarray, cost: float) -> bool:
-        """Whether a point lies in it: as near as a fraction of its errors, and about as low."""
-        d, worth = u - self.u, SAME_MINIMUM * self.unit
-        return bool(0.5 * d @ self.S @ d < worth and abs(cost - self.cost) < worth)
 
 
 def levenberg_marquardt(evaluate: Evaluate, start: State, limits: Limits, **options: Any) -> Solution:
@@ -351,8 +193,3 @@ def coarse_to_fine(
         found = None if begun is None else levenberg_marquardt(at, begun, limits, damping=damping, **how)
         state = state if found is None else found.state
     return found
-
-
-def same_minimum(best: State, state: State) -> bool:
-    """Whether a state lies in the minimum of ``best``."""
-    return Known.of(best).holds(state.u, state.cost)

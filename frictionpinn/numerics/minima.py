@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from .descent import CLOSELY, Evaluate, Known, Limits, Solution, State, coarse_to_fine, levenberg_marquardt, moved
+from .descent import CLOSELY, Solution, coarse_to_fine, levenberg_marquardt
 from .parallel import in_parallel
+from .quadratic import Evaluate, Known, Limits, State, moved
 from .score import inverse_root
 
 KICKS = tuple(np.geomspace(12.0, 1.0, 8))  # standard errors to where searches for other minima begin

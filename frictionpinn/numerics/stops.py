@@ -12,13 +12,10 @@ with C their covariance, the samples beside the jumps left out, G the derivative
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.linalg.lapack import dposv
 
-if TYPE_CHECKING:
-    from .descent import Evaluate, Piece, State
+from .quadratic import Evaluate, Piece, State
 
 REACH = 4.0  # standard errors of a stop's time by which it is moved
 LEAST = 0.1  # samples: where a stop's time is told better than that, no sample that it passes outweighs what moves it

@@ -16,7 +16,7 @@ from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.candidates import candidates, scales
 from frictionpinn.diagnose.fit import Fit
 from frictionpinn.diagnose.select import Settings, select
-from frictionpinn.numerics.descent import State
+from frictionpinn.numerics.quadratic import State
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
 from frictionpinn.physics.contacts import law_named
 from frictionpinn.physics.mechanism import Mechanism

@@ -14,17 +14,9 @@ from frictionpinn.identify.bound import bound_of
 from frictionpinn.identify.likelihood import beginnings
 from frictionpinn.identify.profile import profiled
 from frictionpinn.numerics import parallel
-from frictionpinn.numerics.descent import (
-    KNOWN,
-    NEAR,
-    Known,
-    Piece,
-    Solution,
-    State,
-    coarse_to_fine,
-    levenberg_marquardt,
-)
+from frictionpinn.numerics.descent import KNOWN, NEAR, Solution, coarse_to_fine, levenberg_marquardt
 from frictionpinn.numerics.minima import assembled
+from frictionpinn.numerics.quadratic import Known, Piece, State
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from frictionpinn.numerics.descent import Piece, Solution, State, levenberg_marquardt
+from frictionpinn.numerics.descent import Solution, levenberg_marquardt
 from frictionpinn.numerics.minima import assembled, carried, lowest_of_trials
+from frictionpinn.numerics.quadratic import Piece, State
 
 
 @settings(max_examples=30, deadline=None)

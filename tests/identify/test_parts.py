@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from frictionpinn.identify import Problem
 from frictionpinn.identify.space import Space
 from frictionpinn.identify.uncertainty import WIDEST, widened
-from frictionpinn.numerics.descent import Piece, State, reduced
 from frictionpinn.numerics.gram import gram
 from frictionpinn.numerics.loss import choose_loss
+from frictionpinn.numerics.quadratic import Piece, State, reduced
 from frictionpinn.numerics.spline_basis import PathBasis, choose_basis
 from frictionpinn.numerics.whiteness import correlation_time
 

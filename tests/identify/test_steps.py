@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from frictionpinn.numerics.descent import Piece, State, levenberg_marquardt
+from frictionpinn.numerics.descent import levenberg_marquardt
+from frictionpinn.numerics.quadratic import Piece, State
 
 FREE = np.full(3, -np.inf), np.full(3, np.inf)
 

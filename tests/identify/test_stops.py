@@ -7,8 +7,9 @@ import pytest
 
 from frictionpinn.data.simulated import simulate_trials
 from frictionpinn.identify import Problem
-from frictionpinn.numerics.descent import SAME_MINIMUM, Piece, State, levenberg_marquardt
+from frictionpinn.numerics.descent import levenberg_marquardt
 from frictionpinn.numerics.jumps import Jump
+from frictionpinn.numerics.quadratic import SAME_MINIMUM, Piece, State
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
