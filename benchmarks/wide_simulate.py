@@ -6,7 +6,8 @@ A trial is integrated by LSODA with the slip position s, the slip velocity v and
     z' = v - |v| f / g,    g = N' (mu_c + (mu_s - mu_c) exp(-(v/v_s)^2)),    N' the load after the effects.
 
 M, push and N follow from Lagrange's equations of each system, where a path may be imposed on another coordinate. A law
-without memory has f = g tanh(v / TURN) instead, which creeps below TURN where it rests. (The limit of stiff bristles is
+without memory has f = g tanh(v / TURN) instead, which creeps below TURN where it rests; an asymmetry turns as it does,
+so that a contact breaks away to either side in the same proportion in which it slides. (The limit of stiff bristles is
 another law: they hold a body whose push falls more slowly than its load, although the force exceeds g.)
 """
 
@@ -26,7 +27,7 @@ EFFECTS = (
     "position_gradient", "drift", "inertia", "vibration_sin", "vibration_cos", "vibration_frequency", "load_exponent",
     "load_reference", "begun",
 )  # fmt: skip
-SIGN = 1e-4  # slip per second over which a direction turns, in the effect asymmetry
+SIGN = 1e-4  # slip per second over which a direction turns, in the effect asymmetry beside a bristle
 TURN = 1e-7  # slip per second over which the friction of a law without memory turns: far below what anyone measures
 RADIUS = 0.15  # m, of the contact in a hinge: turns newtons per metre into newton metres per radian
 PARAMETERS = {
@@ -121,7 +122,8 @@ def _paths(kind, t, first, offset, second):
 @njit(cache=True)
 def _friction(s, v, f, t, N, law, q):
     """Friction force with the effects but without their inertia, and z'."""
-    load = N * (1 + q[4] * np.tanh(v / SIGN)) * (1 + q[6] * s) * (1 + q[7] * (q[14] + t))
+    turn = law[6] if law[6] > 0.0 else SIGN
+    load = N * (1 + q[4] * np.tanh(v / turn)) * (1 + q[6] * s) * (1 + q[7] * (q[14] + t))
     if q[12] != 0.0:
         load *= (max(N, 1e-9) / q[13]) ** q[12]
     g = max(load, 1e-9) * (law[3] + (law[4] - law[3]) * np.exp(-((v / law[5]) ** 2)))
