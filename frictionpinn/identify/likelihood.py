@@ -30,7 +30,7 @@ import numpy as np
 from ..data.recording import Recording
 from ..errors import UserError
 from ..numerics.descent import CLOSELY, KNOWN, Solution, coarse_to_fine, levenberg_marquardt
-from ..numerics.minima import AT_ONCE, KICKS, assembled, carried, lowest_of_trials, replaced
+from ..numerics.minima import AT_ONCE, KICKS, assembled, carried, lowest_of_trials
 from ..numerics.parallel import in_parallel
 from ..numerics.quadratic import Evaluate, Known, State, reduced, same_minimum
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
@@ -186,7 +186,15 @@ def beginnings(problem: Problem, state: State) -> list[State]:
     level = {name: UNTOLD_REST * problem.sigmas.get(name, np.inf) for name in velocities}
     at = [[k for k, name in enumerate(model.states) if name in velocities and abs(x[k]) < level[name]]
           for model, x in zip(problem.trials, state.locals, strict=True)]  # fmt: skip
-    return [replaced(state, at, v) for v in (0.0, BARELY, -BARELY)] if any(at) else []
+    if not any(at):
+        return []
+    made = []
+    for velocity in (0.0, BARELY, -BARELY):
+        locals_ = tuple(x.copy() for x in state.locals)
+        for x, own in zip(locals_, at, strict=True):
+            x[own] = velocity
+        made.append(replace(state, locals=locals_))
+    return made
 
 
 def _white(problem: Problem, state: State) -> bool:
@@ -210,10 +218,12 @@ def _elsewhere(problem: Problem, held: Problem | None, seen: Seen) -> tuple[list
 
 
 def _again(problem: Problem, end: Found, sigmas: Mapping[str, float]) -> list[Found]:
-    """A minimum at other noise levels."""
+    """A minimum at other noise levels; none where it cannot be simulated."""
     evaluate = problem.evaluator(end[1], sigmas)
     first = evaluate(end[0].state.u, end[0].state.locals, True)
-    return [(levenberg_marquardt(evaluate, first, problem.space.limits, **CLOSELY), end[1])] if first else []
+    if first is None:
+        return []
+    return [(levenberg_marquardt(evaluate, first, problem.space.limits, **CLOSELY), end[1])]
 
 
 def _settled(

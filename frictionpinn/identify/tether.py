@@ -154,7 +154,8 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
     rugged to begin with.
     """
     limits, last = path.problem.space.limits, path.stages[-1]
-    ends = [(Solution(pair[0], GIVEN), pair[1]) for u in us if (pair := begun_at(path.problem, u)) is not None]
+    begun = [pair for u in us if (pair := begun_at(path.problem, u)) is not None]
+    ends = [(Solution(state, GIVEN), models) for state, models in begun]
 
     def step(before: Stage, stage: Stage, end: Found, halved: int = 0) -> Found | None:
         """The next minimum; over tethers between, where let go of at once the motion of a trial would be lost."""

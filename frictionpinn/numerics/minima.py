@@ -58,14 +58,6 @@ def _direction(rng: np.random.Generator, n: int) -> np.ndarray:
     return z * np.sqrt(n / (z @ z))
 
 
-def replaced(state: State, at: Sequence[Sequence[int]], value: float) -> State:
-    """The state with those of each trial's own unknowns that stand ``at`` these places at another value."""
-    locals_ = tuple(x.copy() for x in state.locals)
-    for x, own in zip(locals_, at, strict=True):
-        x[list(own)] = value
-    return replace(state, locals=locals_)
-
-
 def carried(states: Iterable[State], u: np.ndarray, limits: Limits) -> Iterator[list[np.ndarray]]:
     """The own unknowns of every trial at minima, as their quadratic models move them to other global ones."""
     for state in states:
