@@ -64,7 +64,7 @@ class Undeclared:
         return dict(_per_signal(self.values, "sensor_delay_"))
 
 
-SHAPES = ("spring_rest", "vibration_frequency", "load_reference")
+SHAPES = ("spring_rest", "vibration_frequency", "load_reference", "position_middle")
 
 
 def _per_signal(values: dict[str, float], prefix: str):
@@ -114,12 +114,20 @@ def sized(undeclared: Undeclared, model: Model, clean: Recording) -> Undeclared:
     values = dict(undeclared.values)
     if "load_exponent" in values:
         values["load_reference"] = reference(model)
+    if "position_gradient" in values:
+        values["position_middle"] = float(sum(_ends(model, clean)) / 2)
     shapes = {k: v for k, v in values.items() if k in SHAPES}
     for name, share in undeclared.values.items():
         if name not in SHAPES:
             probe = 1e-3 if not name.startswith("sensor_delay_") else 1e-4
             values[name] = float(f"{share * probe / _share(name, probe, shapes, model, clean):.6g}")
     return replace(undeclared, values=values)
+
+
+def _ends(model: Model, clean: Recording) -> tuple[float, float]:
+    """Lowest and highest slip position."""
+    positions = np.concatenate([trial.signals[SLIP.get(model.kind, ("x",))[0]] for trial in clean.trials])
+    return positions.min(), positions.max()
 
 
 def reference(model: Model) -> float:

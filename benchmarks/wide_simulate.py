@@ -25,7 +25,7 @@ LAW = ("sigma_0", "sigma_1", "sigma_2", "mu_c", "mu_s", "v_s", "turn")
 EFFECTS = (
     "constant_force", "spring_stiffness", "spring_rest", "drag", "asymmetry", "asymmetric_viscous",
     "position_gradient", "drift", "inertia", "vibration_sin", "vibration_cos", "vibration_frequency", "load_exponent",
-    "load_reference", "begun",
+    "load_reference", "begun", "position_middle",
 )  # fmt: skip
 SIGN = 1e-4  # slip per second over which a direction turns, in the effect asymmetry beside a bristle
 TURN = 1e-7  # slip per second over which the friction of a law without memory turns: far below what anyone measures
@@ -123,7 +123,7 @@ def _paths(kind, t, first, offset, second):
 def _friction(s, v, f, t, N, law, q):
     """Friction force with the effects but without their inertia, and z'."""
     turn = law[6] if law[6] > 0.0 else SIGN
-    load = N * (1 + q[4] * np.tanh(v / turn)) * (1 + q[6] * s) * (1 + q[7] * (q[14] + t))
+    load = N * (1 + q[4] * np.tanh(v / turn)) * (1 + q[6] * (s - q[15])) * (1 + q[7] * (q[14] + t))
     if q[12] != 0.0:
         load *= (max(N, 1e-9) / q[13]) ** q[12]
     g = max(load, 1e-9) * (law[3] + (law[4] - law[3]) * np.exp(-((v / law[5]) ** 2)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from .paths import DEGREE, Directions
 
 _NODES = (1 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2  # ends included: the shifted pieces join
 _FROM_NODES = np.linalg.inv(_NODES[:, None] ** np.arange(DEGREE + 1))
+Jumps = Sequence[tuple[int, float]]
 _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}  # compiled where something is late
 
 
@@ -105,13 +106,26 @@ def _shifted(t, given, columns, piece, weights, first, last, made):
                 scale *= per
 
 
-def shift_samples(t: np.ndarray, y: np.ndarray, slope: np.ndarray, shift: float) -> tuple[np.ndarray, np.ndarray]:
+def slopes(t: np.ndarray, y: np.ndarray, jumps: Jumps = ()) -> np.ndarray:
+    """Slopes of samples, shape (n, ...): central differences, and beside a jump those of its own side."""
+    slope = np.gradient(y, t, axis=0)
+    for k, _ in jumps:
+        if 0 < k < len(t) - 2:
+            slope[k] = (y[k] - y[k - 1]) / (t[k] - t[k - 1])
+            slope[k + 1] = (y[k + 2] - y[k + 1]) / (t[k + 2] - t[k + 1])
+    return slope
+
+
+def shift_samples(
+    t: np.ndarray, y: np.ndarray, slope: np.ndarray, shift: float, jumps: Jumps = ()
+) -> tuple[np.ndarray, np.ndarray]:
     """y(t - shift) and its derivative in the shift, from samples and slopes joined by cubic Hermite pieces.
 
     Args:
         t: s, shape (n,).
         y, slope: shape (n, ...); the result is linear in them. Straight lines continue the ends.
         shift: s.
+        jumps: sample before a jump and its time, s: between these samples both sides go on straight up to there.
     """
     h = np.diff(t)
     times = t - shift
@@ -126,4 +140,8 @@ def shift_samples(t: np.ndarray, y: np.ndarray, slope: np.ndarray, shift: float)
     value += column(width * x * (1 - x) ** 2) * slope[k] - column(width * x**2 * (1 - x)) * slope[k + 1]
     rate = column(6 * x * (1 - x) / width) * (y[k + 1] - y[k])
     rate += column((1 - x) * (1 - 3 * x)) * slope[k] + column(x * (3 * x - 2)) * slope[k + 1]
+    for before, at in jumps:
+        for i in np.flatnonzero(k == before):
+            side = before if inside[i] < at else before + 1
+            value[i], rate[i] = y[side] + (inside[i] - t[side]) * slope[side], slope[side]
     return value + column(times - inside) * rate, -rate

@@ -69,12 +69,18 @@ def jumps_at_rest(t: np.ndarray, v: np.ndarray, a: np.ndarray, sigma: float) -> 
     Returns:
         samples before the jump, and beside it the one of the two where the body moves.
     """
-    found = []
-    for k in _jumps(a, sigma):
-        rest, moves = (k, k + 1) if abs(v[k]) < abs(v[k + 1]) else (k + 1, k)
-        if abs(v[moves]) <= (abs(a[rest]) + abs(a[moves])) * (t[k + 1] - t[k]):
-            found.append((k, moves))
-    return found
+    k = _jumps(a, sigma)
+    moves = np.where(np.abs(v[k]) < np.abs(v[k + 1]), k + 1, k)
+    # Within two intervals: towards rest a Stribeck curve slows a body down faster than at the sample before.
+    near = np.abs(v[moves]) <= 2 * np.maximum(np.abs(a[k]), np.abs(a[k + 1])) * (t[k + 1] - t[k])
+    return list(zip(k[near].tolist(), moves[near].tolist(), strict=True))
+
+
+def times_at_rest(t: np.ndarray, v: np.ndarray, a: np.ndarray) -> list[tuple[int, float]]:
+    """Samples before the jumps of an acceleration without noise, and the times, s, of these jumps between the samples:
+    when the velocity of the side on which the body moves comes to zero. See :func:`jumps_at_rest`."""
+    found = jumps_at_rest(t, v, a, 0.0)
+    return [(k, float(np.clip(t[m] - v[m] / a[m] if a[m] else t[m], t[k], t[k + 1]))) for k, m in found]
 
 
 def _jumps(y: np.ndarray, least: float) -> np.ndarray:

@@ -7,7 +7,9 @@ import numpy as np
 from ..errors import choose
 from ..physics.mechanism import Mechanism
 
-NU = 4.0  # degrees of freedom of Student's t
+# Degrees of freedom of Student's t: of Gaussian noise the errors are 1.6 % above the least (with 4, a common choice,
+# 5.8 %), and a jump of 20 standard deviations that comes a sample late costs 21 where a square costs 200.
+NU = 10.0
 
 
 class Loss:
@@ -48,7 +50,7 @@ class StudentT(Loss):
     """
 
     robust = True
-    spread = 1.2033643746519052  # 1 / s with E[(nu + 1) x^2 / (nu s^2 + x^2)] = 1 for Gaussian x of deviation 1
+    spread = 1.0897590921334945  # 1 / s with E[(nu + 1) x^2 / (nu s^2 + x^2)] = 1 for Gaussian x of deviation 1
 
     def cost(self, r: np.ndarray) -> float:
         return 0.5 * (NU + 1) * float(np.log1p(r**2 / NU).sum())

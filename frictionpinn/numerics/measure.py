@@ -8,7 +8,8 @@ import numpy as np
 import sympy as sp
 
 from ..physics.mechanism import Mechanism
-from .delay import shift_directions, shift_pieces, shift_samples, together
+from .delay import shift_directions, shift_pieces, shift_samples, slopes, together
+from .jumps import times_at_rest
 from .paths import DEGREE, Directions, InputPath
 
 Signals = dict[str, np.ndarray]
@@ -83,6 +84,8 @@ class Sensors:
         self.parameters = parameters
         predictions = mechanism.predictions if mechanism.effects else {}
         self.slopes = {c.signals[i]: c.signals[i + 1] for c in mechanism.free for i in (0, 1)}
+        # Without memory a friction force jumps where a body stops, and the acceleration with it.
+        self.jumping = {} if mechanism.bristles else {c.signals[2]: c.signals[1] for c in mechanism.free}
         self.delays = {k: _weights(terms, parameters) for k, terms in mechanism.delays.items() if k in predictions}
         symbols = [par.symbol for par in mechanism.parameters]
         self.shown: dict[str, Callable] = {}
@@ -108,7 +111,7 @@ class Sensors:
 
     def read(self, t: np.ndarray, truth: Mapping[str, np.ndarray], p: np.ndarray) -> Signals:
         """Return what the sensors show, name -> (n,); ``truth`` has all true signals and, where massless, the force."""
-        return {name: function(self._late(name, t, truth, p)[0], *p) for name, function in self.shown.items()}
+        return {name: function(self._late(name, t, truth, truth, p)[0], *p) for name, function in self.shown.items()}
 
     def differentiate(
         self, t: np.ndarray, truth: Mapping[str, np.ndarray], changes: Signals, p: np.ndarray, names: tuple[str, ...]
@@ -122,8 +125,8 @@ class Sensors:
         """
         result = {}
         for name, (own, function) in self.partial.items():
-            y, rate = self._late(name, t, truth, p)
-            change = self._late(name, t, changes, p)[0].copy()
+            y, rate = self._late(name, t, truth, truth, p)
+            change = self._late(name, t, changes, truth, p)[0].copy()
             for index in np.flatnonzero(self.delays.get(name, ())):
                 if self.parameters[index] in names:
                     change[:, names.index(self.parameters[index])] += self.delays[name][index] * rate
@@ -135,14 +138,22 @@ class Sensors:
             result[name] = change
         return result
 
-    def _late(self, name: str, t: np.ndarray, signals: Mapping[str, np.ndarray], p: np.ndarray):
-        """A signal as late as its sensor shows it, and its derivative in the delay."""
+    def _late(
+        self,
+        name: str,
+        t: np.ndarray,
+        signals: Mapping[str, np.ndarray],
+        truth: Mapping[str, np.ndarray],
+        p: np.ndarray,
+    ):
+        """A signal as late as its sensor shows it, and its derivative in the delay; ``truth`` tells where it jumps."""
         y = signals[name]
         if name not in self.delays:
             return y, np.zeros_like(y)
         delay = float(self.delays[name] @ p)
-        slope = signals[self.slopes[name]] if name in self.slopes else np.gradient(y, t, axis=0)
-        return shift_samples(t, y, slope, delay) if delay else (y, -slope)
+        jumps = times_at_rest(t, truth[self.jumping[name]], truth[name]) if name in self.jumping else ()
+        slope = signals[self.slopes[name]] if name in self.slopes else slopes(t, y, jumps)
+        return shift_samples(t, y, slope, delay, jumps) if delay else (y, -slope)
 
 
 def _weights(terms: Mapping[str, float], parameters: tuple[str, ...]) -> np.ndarray:

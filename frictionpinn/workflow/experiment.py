@@ -176,7 +176,8 @@ def _map(cfg: Config, system: System, contact: str, train: Sequence[ContactTrial
         from ..export.augmented import folded
 
         saved = folded(cfg["system"]["augmented"])[1]
-        wanted = {name: saved.get(name) if wanted.get(name) is None else wanted[name] for name in wanted}
+        # One that was found to be zero has no logarithm to start from, and starts from the scale of the data.
+        wanted = {name: saved.get(name) or None if wanted.get(name) is None else wanted[name] for name in wanted}
     start, bounds = complete(law, wanted, tables["bounds"], scales)
     plain: dict[str, Any] = {
         "name": law.name,

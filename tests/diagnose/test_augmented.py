@@ -20,10 +20,10 @@ LAW = {"sigma_0": 1e5, "sigma_1": 316.0, "sigma_2": 0.4, "mu_c": 0.3, "mu_s": 0.
 OWN = {"m_b": 0.5, "m_L": 1.0, "d": 0.25, "J_L": 0.042, "g": 9.81}
 
 
-def saved(folder: Path, effects: dict[str, dict[str, float]]) -> Path:
+def saved(folder: Path, effects: dict[str, dict[str, float]], values: dict[str, float] = LAW) -> Path:
     path = folder / "augmented.yaml"
     system = {"name": "pob", "equations": "lagrange", "imposed": False, "parameters": OWN}
-    path.write_text(yaml.safe_dump({"name": "lugre", "system": system, "values": LAW, "effects": effects}))
+    path.write_text(yaml.safe_dump({"name": "lugre", "system": system, "values": values, "effects": effects}))
     return path
 
 
@@ -60,7 +60,7 @@ def test_what_is_no_force_of_the_moment_is_refused_by_name(tmp_path, effect):
 
 
 def test_training_takes_a_saved_model_as_friction(tmp_path):
-    path = saved(tmp_path, {"asymmetry": {"asymmetry": 0.04}})
+    path = saved(tmp_path, {"asymmetry": {"asymmetry": 0.04}}, LAW | {"sigma_2": 0.0})  # none was found
     options = ["trainer.max_epochs=2", "trainer.threads=1", "data.rate_hz=100", "hydra.run.dir=run"]
     done = call("train.py", "model=pe1", f"friction={path.name}", *options, cwd=tmp_path)
     assert done.returncode == 0, done.stderr

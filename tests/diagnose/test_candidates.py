@@ -30,6 +30,14 @@ def test_every_strength_of_every_effect_is_tried_once(name, law):
     assert all(set(c.hidden) <= set(c.grid[0]) for c in made)
 
 
+def test_a_gradient_is_about_the_middle_of_the_stroke_wherever_positions_are_counted_from():
+    system, friction = SYSTEMS["pendulum"](), LAWS["coulomb_viscous"]()
+    covered = dict.fromkeys(("", *(contact.name for contact in system.contacts)), ONE | {"place": (2.7, 0.8)})
+    made = candidates(effects_for(system, friction, ["position_friction"]), system, friction, covered)
+    (gradient,) = [c for c in made if c.group == "gradient"]
+    assert gradient.hidden == () and [list(point.values()) for point in gradient.grid] == [[pytest.approx(3.1)]]
+
+
 def test_named_effects_alone_are_tried():
     system, friction = SYSTEMS["pob"](), LAWS["lugre"]()
     assert [e.name for e in effects_for(system, friction, ["drag", "ripple"])] == ["ripple", "drag"]

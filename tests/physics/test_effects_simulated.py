@@ -11,7 +11,8 @@ import sympy as sp
 from effect_cases import law_values, path, plain, simulator
 from short_paths import PATHS, T
 
-from frictionpinn.numerics.delay import shift_pieces, shift_samples
+from frictionpinn.numerics.delay import shift_pieces, shift_samples, slopes
+from frictionpinn.numerics.jumps import times_at_rest
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
@@ -189,6 +190,26 @@ def test_a_simulator_with_effects_can_be_sent_to_another_process():
 
 
 # ---- shifts
+
+
+def test_a_jump_is_shown_late_as_a_jump():
+    t, at = np.arange(201) / 100, 0.634
+
+    def true(s):
+        return np.where(s < at, 3 + 2 * s, 0.5 * s)
+
+    jumps = [(63, at)]
+    for shift in (-0.0235, -0.004, 0.002, 0.031):
+        value, rate = shift_samples(t, true(t), slopes(t, true(t), jumps), shift, jumps)
+        np.testing.assert_allclose(value, true(t - shift), atol=1e-12)
+        np.testing.assert_allclose(rate, np.where(t - shift < at, -2.0, -0.5), atol=1e-9)
+
+
+def test_a_stop_is_found_where_a_stribeck_curve_slows_the_body_down_faster_than_before():
+    t, v = np.arange(6) * 1e-3, np.array([0.0281, 0.0192, 0.0102, -6e-6, -6e-6, -6e-6])
+    a = np.array([-8.82, -8.85, -9.49, -1e-4, -1e-4, -1e-4])
+    ((before, at),) = times_at_rest(t, v, a)
+    assert before == 2 and t[2] < at <= t[3]
 
 
 def test_a_shift_of_nothing_changes_nothing():
