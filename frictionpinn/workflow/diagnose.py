@@ -256,7 +256,7 @@ def split(recording: Recording, data: Config) -> tuple[Recording, Recording]:
             parts.append(trial.part(part, f"{trial.name} ({name})"))
         made = [Recording((p,), recording.units, recording.source, recording.checksum) for p in parts]
         return made[0], made[1]
-    splits = split_trials(recording.names, data.get("held_out"), data.get("validation"))
+    splits = split_trials(recording.names, data.get("held_out"), data.get("validation"), data.get("training_trials"))
     return recording.select(splits["train"]), recording.select(splits["held_out"])
 
 

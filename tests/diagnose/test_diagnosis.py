@@ -52,6 +52,14 @@ def diagnosed(acting=(), values=None, seed=0, **options):
     return diagnose(mechanism, made.select(made.names[:2]), made.select(made.names[2:]), **options)
 
 
+def test_a_number_of_training_trials_is_heeded():
+    _, made = recorded()
+    fitted, held_out = workflow.split(made, {"held_out": ["3"], "training_trials": 1})
+    assert len(fitted.names) == 1 and list(held_out.names) == ["3"]
+    with pytest.raises(UserError, match="impossible number of trials"):
+        workflow.split(made, {"held_out": ["3"], "training_trials": ["1"]})
+
+
 class Waves(Effect):
     """A force that no name covers: it comes and goes with the position."""
 
