@@ -25,7 +25,8 @@ def problem():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_finds_two_well_excited_parameters(problem, method):
-    estimate = search(method, problem, start={"mu_c": 4.5, "sigma_2": 1.0}, seed=1, simulations=1500)
+    budget = 4000 if method == "genetic" else 1500  # with 1500 one start in three is a tenth off
+    estimate = search(method, problem, start={"mu_c": 4.5, "sigma_2": 1.0}, seed=1, simulations=budget)
     assert estimate.estimator == method
     for name, value in TRUTH.items():
         assert estimate.values[name] == pytest.approx(value, rel=0.1), name
