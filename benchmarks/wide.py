@@ -31,7 +31,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from wide_draw import ROOT, Case, draw
-from wide_effects import SHAPES
+from wide_effects import SHAPES, ends
 from wide_report import report
 
 from frictionpinn.data.recording import Recording
@@ -161,7 +161,7 @@ def diagnose(seed: int) -> dict:
         if failed:
             return result | {"failed": failed}
         answer = json.loads((Path(folder) / "out" / "result.json").read_text())
-    found, known = answer["parameters"], case.truth | case.values
+    found, known = answer["parameters"], known_at(case, fitted)
     return result | {
         "verdict": answer["verdict"], "effects": [e["name"] for e in answer["effects"]],
         "alike": [e["indistinguishable_from"] for e in answer["effects"]],
@@ -173,6 +173,17 @@ def diagnose(seed: int) -> dict:
         "errors": {n: e["after"] / e["noise_floor"] for n, e in answer["errors"].items() if e["noise_floor"]},
         "diagnosis_s": answer["seconds"],
     }  # fmt: skip
+
+
+def known_at(case: Case, fitted: Recording) -> dict[str, float]:
+    """True values as a diagnosis means them: friction and its gradient in the middle of the stroke that it is given."""
+    known = case.truth | case.values
+    if "position_gradient" not in known:
+        return known
+    away = sum(ends(case.system, fitted)) / 2 - known["position_middle"]
+    there = 1 + known["position_gradient"] * away
+    known |= {name: known[name] * there for name in ("mu_c", "mu_s") if name in known}
+    return known | {"position_gradient": known["position_gradient"] / there}
 
 
 def _children_s() -> float:

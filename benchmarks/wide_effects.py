@@ -115,7 +115,7 @@ def sized(undeclared: Undeclared, model: Model, clean: Recording) -> Undeclared:
     if "load_exponent" in values:
         values["load_reference"] = reference(model)
     if "position_gradient" in values:
-        values["position_middle"] = float(sum(_ends(model, clean)) / 2)
+        values["position_middle"] = sum(ends(model.kind, clean)) / 2
     shapes = {k: v for k, v in values.items() if k in SHAPES}
     for name, share in undeclared.values.items():
         if name not in SHAPES:
@@ -124,10 +124,10 @@ def sized(undeclared: Undeclared, model: Model, clean: Recording) -> Undeclared:
     return replace(undeclared, values=values)
 
 
-def _ends(model: Model, clean: Recording) -> tuple[float, float]:
+def ends(kind: str, clean: Recording) -> tuple[float, float]:
     """Lowest and highest slip position."""
-    positions = np.concatenate([trial.signals[SLIP.get(model.kind, ("x",))[0]] for trial in clean.trials])
-    return positions.min(), positions.max()
+    positions = np.concatenate([trial.signals[SLIP.get(kind, ("x",))[0]] for trial in clean.trials])
+    return float(positions.min()), float(positions.max())
 
 
 def reference(model: Model) -> float:
