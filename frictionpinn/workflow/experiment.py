@@ -177,7 +177,7 @@ def _map(cfg: Config, system: System, contact: str, train: Sequence[ContactTrial
 
         saved = folded(cfg["system"]["augmented"])[1]
         # One that was found to be zero has no logarithm to start from, and starts from the scale of the data.
-        wanted = {name: saved.get(name) or None if wanted.get(name) is None else wanted[name] for name in wanted}
+        wanted = {name: (saved.get(name) or None) if value is None else value for name, value in wanted.items()}
     start, bounds = complete(law, wanted, tables["bounds"], scales)
     plain: dict[str, Any] = {
         "name": law.name,
