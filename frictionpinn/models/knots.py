@@ -50,6 +50,6 @@ def read(grid: np.ndarray, tables: Tensor, v: Tensor, N: Tensor) -> Tensor:
     x, y, i, j = cells(grid, v, N)
     x, y = x[:, None], y[:, None]
     near, far = (tables[:, i + k].transpose(0, 1) for k in (0, 1))
-    at = torch.arange(len(v))
+    at = torch.arange(len(v), device=v.device)
     sides = [(1 - y) * side[at, :, j] + y * side[at, :, j + 1] for side in (near, far)]
     return (1 - x) * sides[0] + x * sides[1]

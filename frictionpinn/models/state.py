@@ -174,7 +174,7 @@ class StateModel(FrictionModel):
         if moving and hasattr(self, "delay"):
             A = A + self.lag() * self.scales["mobility"] * batch["whole_rate"][:, 0].double()
         z0 = self._start(column["target"][first], v[first], column["N"][first], tables, elements)
-        start_off = torch.zeros(int(first.sum()), dtype=torch.float64)
+        start_off = torch.zeros(int(first.sum()), dtype=torch.float64, device=A.device)
         if known and hasattr(self, "starts_off"):
             start_off = self.scales["start_error"] * self.starts_off.double()
         arrays = [x.detach().cpu().numpy() for x in (follow, column["N"], column["h"], first, gate)]

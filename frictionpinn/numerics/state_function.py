@@ -35,8 +35,8 @@ class Drive:
 
 
 class Recursion(torch.autograd.Function):
-    """(z0, tables, elements, gain, A: slip acceleration without friction, off: of
-    the slip velocity at the starts) -> force, slip velocity (n,), states (n, K); float64, on the CPU."""
+    """(z0, tables, elements, gain, A: slip acceleration without friction, off: of the slip velocity at the starts) ->
+    force, slip velocity (n,), states (n, K); float64. It runs on the CPU; its result lies where A does."""
 
     @staticmethod
     def forward(
@@ -51,18 +51,20 @@ class Recursion(torch.autograd.Function):
         along = (drive.v, drive.N, known[3], drive.h, drive.start, drive.gate)
         force, slip, states = forward(*along, known[0], known[4], known[1], *rest)
         ctx.kept = drive, known, rest, slip, states
-        ctx.like = [value.dtype for value in (z0, tables, elements, gain, A, off)]
-        told = tuple(torch.from_numpy(value) for value in (force, slip, states))
+        ctx.like = [(value.dtype, value.device) for value in (z0, tables, elements, gain, A, off)]
+        told = tuple(torch.from_numpy(value).to(A.device) for value in (force, slip, states))
         ctx.mark_non_differentiable(told[2])
         return told
 
     @staticmethod
     def backward(ctx, *bars):
         drive, (z0, tables, elements, A, _), (grid, *_, share, mobility, steps, moving, path), slip, states = ctx.kept
-        f_bar, v_bar = (np.ascontiguousarray(bar.numpy()) for bar in bars[:2])
+        f_bar, v_bar = (np.ascontiguousarray(bar.cpu().numpy()) for bar in bars[:2])
         along = (drive.v, drive.N, A, drive.h, drive.start, drive.gate)
         found = backward(
             f_bar, v_bar, *along, z0, tables, grid, elements, share, mobility, steps, moving, path, slip, states
         )
-        told = [torch.as_tensor(value, dtype=dtype) for value, dtype in zip(found, ctx.like, strict=True)]
+        told = [
+            torch.as_tensor(value, dtype=t, device=device) for value, (t, device) in zip(found, ctx.like, strict=True)
+        ]
         return (*told, None, None)

@@ -209,7 +209,7 @@ def build_trainer(
     try:
         return L.Trainer(
             max_epochs=epochs,
-            accelerator=options["accelerator"],
+            accelerator=accelerator_of(cfg),
             devices=1,  # one full batch: more devices would only repeat it
             logger=TensorBoardLogger(folder, name="", version="tensorboard", purge_step=purge_step),
             callbacks=callbacks,
@@ -228,6 +228,13 @@ def build_trainer(
             allowed="cpu, auto, or gpu where the machine has one",
             fix=str(error).splitlines()[0],
         ) from error
+
+
+def accelerator_of(cfg: Config) -> str:
+    """What the trainer is told; "auto" of a network with a state is the CPU, where its recursion runs in any case: it
+    takes a quarter longer where the rest of the step is on a GPU (benchmarks/accelerator.py)."""
+    given, memory = cfg["trainer"]["accelerator"], cfg["model"].get("memory")
+    return "cpu" if given == "auto" and memory == "state" else given
 
 
 def announce(cfg: Config, data: TrajectoryData) -> str:

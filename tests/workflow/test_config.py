@@ -14,7 +14,7 @@ from frictionpinn.models import MODELS
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.workflow.build import NOISE, SMOOTHING, build_system, check_pairing
 from frictionpinn.workflow.experiment import build_data, build_model
-from frictionpinn.workflow.train import build_trainer
+from frictionpinn.workflow.train import accelerator_of, build_trainer
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
 MEASURED = Path(os.environ.get("FRICTIONPINN_DATA", "missing"))
@@ -111,6 +111,23 @@ def test_optimizer_is_what_the_model_gives_to_the_trainer(configure, quick, tmp_
 def test_trainer_is_built(configure, name, tmp_path):
     trainer = build_trainer(configure(f"trainer={name}", "trainer.accelerator=cpu"), tmp_path, validation=False)
     assert trainer.max_epochs >= 1 and trainer.checkpoint_callback is not None
+
+
+def test_network_with_a_state_trains_on_the_cpu_unless_a_gpu_is_asked_for(configure):
+    assert accelerator_of(configure("experiment=memory")) == "cpu"
+    assert accelerator_of(configure("experiment=memory", "trainer.accelerator=gpu")) == "gpu"
+    assert accelerator_of(configure()) == "auto"
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="this machine has no GPU")
+@pytest.mark.parametrize("experiment", [[], ["experiment=memory"]])
+@pytest.mark.parametrize("model", options("model"))
+def test_training_on_a_gpu_is_that_on_the_cpu(configure, quick, tmp_path, model, experiment):
+    losses = []
+    for accelerator in ("cpu", "gpu"):
+        given = [f"model={model}", *experiment, f"trainer.accelerator={accelerator}"]
+        losses.append(quick(tmp_path / accelerator, *given)["training"]["loss"]["loss"])
+    assert losses[1] == pytest.approx(losses[0], rel=1e-4)
 
 
 @pytest.mark.parametrize("name", sorted({*options("experiment")} - {"ur10e"}))  # a robot's: tests/robots
