@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from sklearn.linear_model import OrthogonalMatchingPursuit
 
 TERMS = 3  # of a formula at most: longer ones say no more than a table
 GOOD = 0.97  # share of the shape that a formula must explain
@@ -14,6 +13,8 @@ def sparse_formula(x: np.ndarray, y: np.ndarray, error: np.ndarray, name: str) -
 
     Orthogonal matching pursuit over powers, absolute values, exponentials of |x| and harmonics; all shape (n,).
     """
+    from sklearn.linear_model import OrthogonalMatchingPursuit  # half a second, and seldom needed
+
     scale, span = max(float(np.abs(x).max()), 1e-300), max(float(x.max() - x.min()), 1e-300)
     weight = 1 / np.maximum(error, np.median(error) + 1e-300)
     table = {"1": np.ones_like(x), name: x, f"{name}^2": x**2, f"{name}^3": x**3, f"|{name}|": np.abs(x),

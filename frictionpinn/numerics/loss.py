@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import norm
 
 from ..errors import choose
 from ..physics.mechanism import Mechanism
 
 # Degrees of freedom of Student's t: of Gaussian noise the errors are 1.6 % above the least (with 4, a common choice,
-# 5.8 %), and a jump of 20 standard deviations that comes a sample late costs 21 where a square costs 200.
+# 5.8 %), and a jump of 20 standard deviations that comes a sample late costs 21 where a square costs 200
+# (benchmarks/identify_loss.py).
 NU = 10.0
+QUANTILES = 100_000  # of a Gaussian, over which its spread is averaged: exact to 1e-5
 
 
 class Loss:
@@ -50,13 +54,18 @@ class StudentT(Loss):
     """
 
     robust = True
-    spread = 1.0897590921334945  # 1 / s with E[(nu + 1) x^2 / (nu s^2 + x^2)] = 1 for Gaussian x of deviation 1
+
+    def __init__(self, nu: float = NU):
+        self.nu = nu
+        # 1 / s with E[(nu + 1) x^2 / (nu s^2 + x^2)] = 1 for Gaussian x of deviation 1
+        x = norm.ppf((np.arange(QUANTILES) + 0.5) / QUANTILES)
+        self.spread = 1 / brentq(lambda s: float(np.mean(self.weight(x / s) * (x / s) ** 2)) - 1, 0.1, 2.0)
 
     def cost(self, r: np.ndarray) -> float:
-        return 0.5 * (NU + 1) * float(np.log1p(r**2 / NU).sum())
+        return 0.5 * (self.nu + 1) * float(np.log1p(r**2 / self.nu).sum())
 
     def weight(self, r: np.ndarray) -> np.ndarray:
-        return (NU + 1) / (NU + r**2)
+        return (self.nu + 1) / (self.nu + r**2)
 
     def sigma(self, r: np.ndarray, freedom: float) -> float:
         sigma = 1.4826 * float(np.median(np.abs(r))) or 1e-300
@@ -69,7 +78,7 @@ class StudentT(Loss):
 
     def inflation(self, r: np.ndarray) -> float:
         weight = self.weight(r)
-        slope = np.mean(weight * (NU - r**2) / (NU + r**2))
+        slope = np.mean(weight * (self.nu - r**2) / (self.nu + r**2))
         return float(np.mean((weight * r) ** 2) * np.mean(weight) / slope**2)
 
 

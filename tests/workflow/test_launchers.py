@@ -33,8 +33,8 @@ def needs(launcher: str) -> None:
 
 
 def kill_one_job(folder: Path, *options: str) -> tuple[int, str, str]:
-    """A sweep of three jobs, one bad (another law), one killed in the middle; exit code and what it said."""
-    arguments = ["-m", "model=bb1,pe1", "friction=coulomb,lugre", *LONG, "hydra.sweep.dir=s", *options]
+    """A sweep of three jobs, one bad, one killed in the middle; exit code and what it said."""
+    arguments = ["-m", "trainer.log_every_n_steps=25,26,0", "model=bb1", *LONG, "hydra.sweep.dir=s", *options]
     process = start(folder, *arguments)
     job = folder / "s" / "1_pob_bb1_seed0"
     wait_for(lambda: running(job), process)
@@ -51,10 +51,10 @@ def test_jobs_that_raise_or_die_cost_themselves_alone(launcher, tmp_path):
     errors = [line for line in err.splitlines() if line.startswith("error: ")]
     assert len(errors) == 2, err
     assert sum("its process died: SIGKILL" in line for line in errors) == 1
-    assert sum("needs a friction law with a bristle state" in line for line in errors) == 1
+    assert sum("impossible interval" in line for line in errors) == 1
     done = sorted(path.parent.name for path in tmp_path.glob("s/*/result.json"))
-    assert done == ["0_pob_bb1_seed0", "3_pob_pe1_seed0"], out
-    assert "2 of 4 jobs finished" in out and "python train.py resume=s" in out
+    assert done == ["0_pob_bb1_seed0"], out
+    assert "1 of 3 jobs finished" in out and "python train.py resume=s" in out
     assert (tmp_path / "s" / done[0] / ".hydra" / "overrides.yaml").is_file()
 
 
@@ -142,4 +142,4 @@ def test_a_cluster_of_two_nodes_loses_only_the_job_that_is_killed(cluster, tmp_p
     options = ["hydra/launcher=ray", f"hydra.launcher.init.address={cluster}"]
     code, out, err = kill_one_job(tmp_path, *options)
     assert code == 2 and "its process died: SIGKILL" in err, err
-    assert "2 of 4 jobs finished" in out
+    assert "1 of 3 jobs finished" in out
