@@ -2,7 +2,7 @@
 
     FRICTIONPINN_DATA=... python benchmarks/networks_pendulum.py [--epochs 600]
 
-The network chosen in benchmarks/networks_measured.py is trained on the training runs. Then maximum likelihood over
+A black box with one bristle is trained through the motion on the training runs. Then maximum likelihood over
 windows of 4 s on the same runs gives Coulomb + drag and viscous + drag friction; each stands in the network's place
 (the same bristle, its sliding force and the rest set), and the network's own loss is evaluated: residuals of the
 velocity over half swings. Beside it free runs of 4 s from the measured state, of the training runs, of one of them
