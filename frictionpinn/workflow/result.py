@@ -32,6 +32,7 @@ from .provenance import commit, versions
 
 HALF = 0.5  # of the force, root mean square: a model that leaves more is none
 HARDLY_TOLD = ("sigma_0", "sigma_1", "mu_s", "v_s")  # between stick and slip noise blurs a network's map
+AT_BOUND = 0.01  # of the logarithm between two bounds: as near as a start may lie to one
 GRID = 61  # values of velocity and of normal force in the figure of characteristics
 
 
@@ -158,6 +159,8 @@ def parameters(cfg: Config, system: System, model: FrictionModel) -> dict[str, d
             entry: dict[str, Any] = {"value": values[name], "unit": units[name], "text": par.text}
             entry["start"] = options["start"].get(par.name)
             entry["trained"] = par.name in own.law_parameters.raw  # type: ignore[union-attr, operator]
+            if entry["trained"]:
+                entry["bounds"] = options["bounds"][par.name]
             if name in spread:
                 entry["spread"] = spread[name]
             if obeyed is not None and obeyed.name == law.name and par.name in known:
@@ -214,10 +217,20 @@ def doubts(result: Mapping[str, Any]) -> list[str]:
         if ours["relative"] > HALF:
             said.append(f"it leaves {100 * ours['relative']:.0f} % of the force{at}: {called('check')} tells of signs, "
                         "units and masses")  # fmt: skip
+    for name, entry in result["parameters"].items():
+        if "bounds" in entry and at_bound(entry["value"], *entry["bounds"]):
+            said.append(f"{name} ended at its bound, {entry['value']:.3g}: give friction.bounds.{name} more room, or "
+                        "another law")  # fmt: skip
     untold = [name for name in HARDLY_TOLD if name in map(plain_name, result["parameters"]) and "refined" not in result]
     if untold:
         said.append(f"a training hardly tells {', '.join(untold)}: refine=true estimates them with intervals")
     return said
+
+
+def at_bound(value: float, low: float, high: float) -> bool:
+    """Whether a trained parameter is as good as at one of its bounds."""
+    share = np.log(value / low) / np.log(high / low)
+    return not AT_BOUND < share < 1 - AT_BOUND
 
 
 def readable(unit: str) -> str:

@@ -100,6 +100,14 @@ def test_a_model_that_is_worth_it_raises_no_doubt_but_of_what_a_training_cannot_
     assert len(doubts({"force_error": error, "parameters": {}})) == 2
 
 
+def test_a_parameter_that_a_training_leaves_at_its_bound_is_told():
+    error = {"model": {"rmse": 0.1, "relative": 0.1}, "coulomb_viscous": {"rmse": 1.0, "relative": 1.0}}
+    at_its_bound = {"value": 0.0501, "bounds": [0.05, 5.0]}
+    (said,) = doubts({"force_error": error, "parameters": {"mu_c": at_its_bound, "sigma_2": {"value": 1.0}}})
+    assert said.startswith("mu_c ended at its bound, 0.0501: give friction.bounds.mu_c more room")
+    assert doubts({"force_error": error, "parameters": {"mu_c": at_its_bound | {"value": 0.3}}}) == []
+
+
 @pytest.mark.parametrize(
     ("system", "columns", "imposed"),
     [
