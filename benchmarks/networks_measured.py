@@ -16,7 +16,6 @@ sets that are not run keep what they have.
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import subprocess
 import sys
@@ -125,42 +124,36 @@ def plain_pendulum(
     return found.values | fixed
 
 
-def found_effects(judged: str, set_aside: Sequence[str]) -> dict[str, list[str]]:
-    """Effect -> strengths: the forces, loads and masses that diagnose.py finds in the pendulum's training runs."""
-    with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, str(ROOT / "diagnose.py"), "preset=pendulum", f"data.held_out=[{judged}]"]
-        command += [f"data.validation={list(set_aside)}", f"hydra.run.dir={folder}/out"]
-        subprocess.run(command, check=True, cwd=folder, stdout=subprocess.DEVNULL)
-        told = json.loads((Path(folder) / "out" / "result.json").read_text())["effects"]
-        found = {effect["name"]: list(effect["parameters"]) for effect in told}
-        return {name: own for name, own in found.items() if foldable(name, Path(folder))}
+def found_model(judged: str, set_aside: Sequence[str], folder: Path) -> dict[str, Any]:
+    """What diagnose.py writes of the pendulum's training runs, with the forces, loads and masses of its effects."""
+    command = [sys.executable, str(ROOT / "diagnose.py"), "preset=pendulum", f"data.held_out=[{judged}]"]
+    command += [f"data.validation={list(set_aside)}", f"hydra.run.dir={folder}/diagnosis"]
+    subprocess.run(command, check=True, cwd=folder, stdout=subprocess.DEVNULL)
+    content: Any = OmegaConf.to_container(OmegaConf.load(folder / "diagnosis" / "augmented.yaml"))
+
+    def acts_as_known(effect: str) -> bool:
+        try:
+            folded(saved(folder / "one.yaml", {**content, "effects": {effect: content["effects"][effect]}}))
+        except UserError:
+            return False
+        return True
+
+    return {**content, "effects": {name: own for name, own in content["effects"].items() if acts_as_known(name)}}
 
 
-def foldable(effect: str, folder: Path) -> bool:
-    """Whether an effect can act as known where friction is learned."""
-    try:
-        folded(augmented(folder / "one.yaml", {"J": 1e-4, "mu_c": 1e-4, "sigma_2": 1e-4}, {effect: []}))
-    except UserError:
-        return False
-    return True
+def estimated(content: dict[str, Any], runs: Sequence[str]) -> dict[str, Any]:
+    """The same model with inertia, friction and effects by maximum likelihood on these runs."""
+    effects = content["effects"]
+    free = ("mu_c", "sigma_2", *(name for own in effects.values() for name, value in own.items() if value))
+    values = plain_pendulum(runs, free, tuple(effects))
+    system = {**content["system"], "parameters": {**content["system"]["parameters"], "J": values["J"]}}
+    tables = {effect: {name: values.get(name, own[name]) for name in own} for effect, own in effects.items()}
+    law = {name: values.get(name, value) for name, value in content["values"].items()}
+    return {**content, "system": system, "values": law, "effects": tables}
 
 
-def augmented(path: Path, values: dict[str, float], effects: dict[str, list[str]]) -> Path:
-    """A file for ``friction=``, as diagnose.py writes it: Coulomb + viscous friction, inertia and effects."""
-    config: Any = OmegaConf.to_container(OmegaConf.load(ROOT / "conf" / "data" / "multiarm_pendulum.yaml"))
-    parameters = {**config["system"]["parameters"], "J": values["J"], "preload": 1.0}
-    content = {
-        "name": "coulomb_viscous",
-        "system": {
-            "name": "pendulum",
-            "equations": "lagrange",
-            "imposed": False,
-            "driven": [],
-            "parameters": parameters,
-        },
-        "values": {"mu_c": values["mu_c"], "sigma_2": values["sigma_2"]},
-        "effects": {effect: {name: values[name] for name in own} for effect, own in effects.items()},
-    }
+def saved(path: Path, content: dict[str, Any]) -> Path:
+    """A model as a file for ``friction=``."""
     OmegaConf.save(OmegaConf.create(content), path)
     return path
 
@@ -191,15 +184,14 @@ def scored(name: str, epochs: int) -> list[str]:
     score = rollout_error if pendulum else force_error
     held_out = [run for run in HELD_OUT[name] if run not in aside]
     unit, lines, found = "mrad" if pendulum else "%", list[str](), list[float]()
-    effects = found_effects(aside[0], [*aside[1:], *held_out]) if pendulum else {}
     with tempfile.TemporaryDirectory() as folder:
+        model_found = found_model(aside[0], [*aside[1:], *held_out], Path(folder)) if pendulum else {"effects": {}}
 
         def fitted(options: Sequence[str], runs: Sequence[str], place: str):
             """A candidate trained on these runs; its system, model, data and processor seconds."""
             given = [option for option in options if option != BESIDE]
             if BESIDE in options:
-                free = ("mu_c", "sigma_2", *(strength for own in effects.values() for strength in own))
-                path = augmented(Path(folder) / f"{place}.yaml", plain_pendulum(runs, free, tuple(effects)), effects)
+                path = saved(Path(folder) / f"{place}.yaml", estimated(model_found, runs))
                 given += [FROM_ANGLE, f"+system.augmented={path}"]
             elif pendulum:
                 given += [FROM_ANGLE, f"system.parameters.J={plain_pendulum(runs)['J']}"]
@@ -219,7 +211,7 @@ def scored(name: str, epochs: int) -> list[str]:
         trials = [data.by_name[key] for key in held_out]
         lines.append(f"  chosen: {' '.join(best)}; held out {score(model, system, trials):.2f} {unit}")
         if pendulum:
-            told = f", {', '.join(effects)} found" if effects else ", nothing found"
+            told = f", {', '.join(model_found['effects']) or 'nothing'} found"
             lines[-1] += told if BESIDE in best else ""
             plain = plain_pendulum(FIT[name])
             system = SYSTEMS["pendulum"](**{**system.values, "J": plain["J"]})
