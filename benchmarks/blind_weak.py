@@ -4,7 +4,7 @@
 
 Recordings of benchmarks/blind.py, the effects by turns and of a size drawn for each. Right is the effect that acts,
 alone or listed as alike, and "nothing missing" where the data do not tell; wrong is another name alone, and a
-remainder that is said to depend on what it does not. The effect that acts beside another name counts as half right.
+remainder that is said to depend on what it does not. The effect that acts beside another name is counted by itself.
 Every answer is kept in benchmarks/results/blind_weak.json and not asked for again; writes blind_weak.txt.
 """
 

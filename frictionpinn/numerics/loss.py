@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import norm
@@ -57,9 +59,12 @@ class StudentT(Loss):
 
     def __init__(self, nu: float = NU):
         self.nu = nu
-        # 1 / s with E[(nu + 1) x^2 / (nu s^2 + x^2)] = 1 for Gaussian x of deviation 1
+
+    @cached_property
+    def spread(self) -> float:  # type: ignore[override]
+        """1 / s with E[(nu + 1) x^2 / (nu s^2 + x^2)] = 1 for Gaussian x of deviation 1."""
         x = norm.ppf((np.arange(QUANTILES) + 0.5) / QUANTILES)
-        self.spread = 1 / brentq(lambda s: float(np.mean(self.weight(x / s) * (x / s) ** 2)) - 1, 0.1, 2.0)
+        return 1 / brentq(lambda s: float(np.mean(self.weight(x / s) * (x / s) ** 2)) - 1, 0.1, 2.0)
 
     def cost(self, r: np.ndarray) -> float:
         return 0.5 * (self.nu + 1) * float(np.log1p(r**2 / self.nu).sum())
