@@ -13,15 +13,16 @@ from ..physics import System
 from .contact import ContactTrial, smooth_trials
 from .recording import Recording
 
-SEED = 20  # of the noise that is added; the figures are means over thousands of samples
+SEED = 20  # of the noise that is added
+DRAWS = 16  # of it: what is said of the ends of trials rests on one sample of each
 ONE_SIGMA = 0.6827  # share of normal errors within one standard deviation
 CLEAN = 1e-3  # of its root mean square: error of a slip velocity as good as free of noise, which models do not undercut
 FINER, REACH = 4, 16  # points of the errors' shape in the time over which they stay alike, and its reach in such times
 
 
 # Of a contact that follows the measured motion: nothing is simulated, and compared over its noise.
-UNTOLD: dict = {"slip_noise": 0.0, "force_noise": 0.0, "input_error": 0.0, "start_error": 0.0, "input_shape": [],
-                "input_step": 0.0}  # fmt: skip
+UNTOLD: dict = {"slip_noise": 0.0, "force_noise": 0.0, "input_error": 0.0, "start_error": 0.0, "first_error": 0.0,
+                "input_shape": [], "input_step": 0.0, "input_ends": []}  # fmt: skip
 
 
 def input_noise(recording: Recording, system: System, smoother: Smoother, trials: Sequence[ContactTrial]) -> dict:
@@ -51,21 +52,37 @@ def input_noise(recording: Recording, system: System, smoother: Smoother, trials
         speed = np.concatenate([trial.offline["v_slip"] for trial in trials])
         found["slip_noise"] = CLEAN * _rms(speed)
         return UNTOLD | found
-    for trial in trials:
-        noisy = {name: trial.smoothed[name] + sigmas[name] * rng.standard_normal(len(trial.t)) for name in names}
-        own = recording.select([trial.name]).trials[0]
-        again.append(replace(own, signals={**own.signals, **noisy}))
-    twice = smooth_trials(Recording(tuple(again), recording.units), again, system, smoother)
-    wrong = [
-        {name: x - trial.offline[name] for name, x in contact_signals(system, signals).items() if name in trial.offline}
-        for trial, signals in zip(trials, twice, strict=True)
-    ]
-    error = [own["a_frictionless"] for own in wrong]
-    start = _rms(np.concatenate([own["v_slip"] for own in wrong]))
-    kernel, every = shape(error)
+    own = [recording.select([trial.name]).trials[0] for trial in trials]
+    for _ in range(DRAWS):
+        for trial, recorded in zip(trials, own, strict=True):
+            noisy = {name: trial.smoothed[name] + sigmas[name] * rng.standard_normal(len(trial.t)) for name in names}
+            again.append(replace(recorded, signals={**recorded.signals, **noisy}))
+    twice = smooth_trials(Recording(tuple(again), recording.units), again[: len(own)], system, smoother)
+    wrong = []
+    for trial, signals in zip(DRAWS * list(trials), twice, strict=True):
+        seen = contact_signals(system, signals)
+        wrong.append([seen[name] - trial.offline[name] for name in ("a_frictionless", "v_slip")])
+    errors, slips = zip(*wrong, strict=True)
+    profile, size = ends(errors)
+    kernel, every = shape([error[len(profile) : len(error) - len(profile)] for error in errors])
+    first = _rms(np.array([slip[0] for slip in slips]))
+    found |= {"input_error": size, "start_error": _rms(np.concatenate(slips)), "first_error": first}
     step = every * float(np.median(np.diff(trials[0].t)))
-    told = {"input_error": _rms(np.concatenate(error)), "start_error": start}
-    return found | told | {"input_shape": kernel.tolist(), "input_step": step}
+    return found | {"input_shape": kernel.tolist(), "input_step": step, "input_ends": profile.tolist()}
+
+
+def ends(errors: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
+    """Root mean square of the errors far from a trial's ends, and near them as multiples of it, by distance.
+
+    A smoother sees one side only of a trial's ends, and errs there several times as much.
+    """
+    most = min(map(len, errors)) // 2
+    near = np.array([error[:most] for error in errors] + [error[::-1][:most] for error in errors])
+    by_distance = np.sqrt(np.mean(near**2, axis=0))
+    size = _rms(by_distance[most // 2 :])
+    inside = np.flatnonzero(by_distance < size)
+    reach = int(inside[0]) if len(inside) else 0  # until the errors are no larger than further inside
+    return by_distance[:reach] / size, size
 
 
 def shape(errors: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:

@@ -169,7 +169,7 @@ def _instants(portable: PortableState, model: StateModel) -> tuple[dict[str, np.
     path, z0 = np.empty((n * portable.steps, 1 + numbers.states)), np.zeros((1, numbers.states))
     moving = portable.mobility > 0
     rest = (numbers.elements, portable.gain, portable.mobility, portable.steps, moving, path)
-    force, slip, states = forward(
+    force, slip, states, _ = forward(
         v, N, A, h, np.arange(n) == 0, gate, z0, np.zeros(1), numbers.tables, numbers.grid, *rest
     )
     state = np.column_stack([slip, states]) if moving else states

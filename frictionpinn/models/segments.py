@@ -13,6 +13,7 @@ from ..errors import UserError, choose
 
 GATE = 3.0  # noises of the slip velocity above which a contact surely slides, and is corrected by what is measured
 THROUGH = ("motion", "balance")
+TRIAL, SEGMENT = 1.0, 2.0  # marks of the samples at which a trial and a segment within it start
 
 
 def segments(trial: ContactTrial, noise: float) -> np.ndarray:

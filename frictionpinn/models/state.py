@@ -19,10 +19,11 @@ from ..physics.beforehand import EXCESS, SPREADS, STRIBECK
 from .base import Batch, FrictionModel
 from .beside_law import beside_law, met_at
 from .elements import StateFriction
+from .input_errors import of_training
 from .knots import KNOTS, LOADS, cells, knots_of, read
 from .network import perceptron
 from .parameters import LawParameters
-from .segments import GATE, segments, through
+from .segments import GATE, SEGMENT, TRIAL, segments, through
 from .state_start import find_start
 
 STEPS = 4  # of the recursion per sample: slip velocity to 1e-4 m/s on the pendulum on a box at 400 Hz
@@ -48,25 +49,24 @@ class StateModel(FrictionModel):
     Trained through the ``balance`` the slip velocity is the measured one, and the force is compared with that of the
     equation of motion. Trained through the ``motion`` it moves, v' = a_frictionless - mobility F, and velocity and
     force are compared with the measured ones over their noise. A trial is cut where it slides fastest, and each segment
-    starts anew from what was measured: a stop that is simulated wrongly spoils one segment. The errors of the smoothed
-    a_frictionless and of the velocities at the starts are estimated beside the weights, each with its own size
-    (:func:`..data.input_noise.input_noise`), as maximum likelihood treats them. Online a model that sees
-    a_frictionless carries slip velocity and bristles on from sample to sample and corrects the velocity by the measured
-    one while the contact slides; one that does not follows the measured velocity.
+    starts anew from what was measured: a stop that is simulated wrongly spoils one segment. A parameter estimator,
+    which starts where its law fits, carries on from segment to segment: what a segment forgets tells of viscous
+    friction. The errors of the smoothed a_frictionless and of the velocities at the starts are estimated beside the
+    weights (:mod:`.input_errors`), as maximum likelihood treats them. Online a model that sees a_frictionless carries
+    slip velocity and bristles on from sample to sample and corrects the velocity by the measured one while the contact
+    slides; one that does not follows the measured velocity.
 
     Args:
         state: ``elements``, ``gaps`` (whether a bristle has play), ``delay`` (whether the measured force comes early
             by a time that is estimated too), ``weight`` (where ``loss`` has none), ``lengths`` (samples of every
-            segment, by training trial, see :func:`segments`), ``input_shape`` (:func:`..data.input_noise.shape`).
+            segment, by training trial, see :func:`segments`), ``input_shape`` and ``input_ends``
+            (:func:`..data.input_noise.input_noise`).
         law: of a parameter estimator, see :class:`.parameter_estimator.ParameterEstimator`.
         scales: beside :func:`.start.data_scales` mobility, load_low, load_high, fastest, step and those of input_noise.
         others: see :class:`.base.FrictionModel`.
     """
 
-    kernel: Tensor
-    between: Tensor
     met: Tensor
-    share: Tensor
     knots: Tensor
     eyes: Tensor
     own = ("law_parameters.", "stiffness", "damping", "gap", "sharp")
@@ -76,6 +76,8 @@ class StateModel(FrictionModel):
         self.save_hyperparameters(logger=False)
         del self.network  # of the windows
         scales, options = self.scales, dict(state)
+        self.carried = 1.0 if law else 0.0  # share of its velocity and bristles that a segment has from the one before
+        self.lengths = [int(n) for own in state.get("lengths", ()) for n in own]
         self.weight = float(self.loss.get("weight", options.get("weight", 1.0)))
         self.K = 1 if law else int(options["elements"])
         self.moving = scales["mobility"] > 0 and "a_frictionless" in self.features.inputs
@@ -96,7 +98,7 @@ class StateModel(FrictionModel):
             self._elements(options)
         if options.get("delay"):
             self.delay = nn.Parameter(torch.zeros(()))
-        self._unknowns(options)
+        self.errors = of_training(options, scales, self.through)
 
     def _elements(self, options: dict[str, Any]) -> None:
         """Start of the black box's bristles: reaches side by side, each with the same share of the force."""
@@ -112,25 +114,6 @@ class StateModel(FrictionModel):
         mass = 1 / scales["mobility"] if scales["mobility"] else 0.0
         self.damping = nn.Parameter(torch.log(torch.sqrt(torch.exp(self.stiffness.detach()) * mass).clamp_min(1e-9)))
         self.viscous = float(np.log(scales["viscous"]))
-
-    def _unknowns(self, options: dict[str, Any]) -> None:
-        """Errors of the inputs over the training trials, each in units of its size: see the class."""
-        trials = options.get("lengths", []) if self.through == "motion" else []
-        self.lengths = [int(n) for own in trials for n in own]
-        if not self.lengths or not self.scales["input_error"] > 0:
-            return
-        kernel = torch.tensor(options["input_shape"], dtype=torch.float64)
-        low, share, count = [], [], 0
-        for own in trials:
-            place = np.arange(sum(own)) * self.scales["step"] / self.scales["input_step"]
-            low.append(count + place.astype(int))
-            share.append(place % 1)
-            count += int(place[-1]) + 1 + len(kernel)  # the kernel's reach beyond the ends of a trial
-        self.register_buffer("kernel", kernel, persistent=False)
-        self.register_buffer("between", torch.from_numpy(np.concatenate(low)), persistent=False)
-        self.register_buffer("share", torch.from_numpy(np.concatenate(share)), persistent=False)
-        self.inputs_off = nn.Parameter(torch.zeros(count))
-        self.starts_off = nn.Parameter(torch.zeros(len(self.lengths)))
 
     # the map -------------------------------------------------------------------------------------------------
     def tables(self) -> tuple[Tensor, Tensor, Tensor]:
@@ -157,7 +140,9 @@ class StateModel(FrictionModel):
         """Force, slip velocity and states along the trials of a batch; ``known``: the trials that it is trained on."""
         tables, elements, told = self.tables()
         column = {name: batch[name][:, 0].double() for name in ("v", "N", "A", "h", "start", "seen_v", "target")}
-        first = column["start"] > 0
+        starts = column["start"] > 0
+        anew = torch.where(column["start"] == SEGMENT, 1 - self.carried if known and moving else 1.0, starts)
+        first = anew > 0
         v, A = column["v"], column["A"]
         if moving:
             follow = torch.where(first, v, column["seen_v"])
@@ -166,21 +151,18 @@ class StateModel(FrictionModel):
         else:
             follow, gate = v, torch.zeros_like(v)
         off = torch.zeros_like(A)
-        if known and hasattr(self, "inputs_off"):
-            low, share = self.between, self.share
-            ahead = nn.functional.conv1d(self.inputs_off.double()[None, None], self.kernel[None, None])[0, 0]
-            off = self.scales["input_error"] * ((1 - share) * ahead[low] + share * ahead[low + 1])
+        start_off = torch.zeros(int(first.sum()), dtype=torch.float64, device=A.device)
+        if known and self.errors is not None:
+            off = self.errors.along()
             A = A + off
+            start_off = self.errors.at_starts(anew[starts])[first[starts]]
         if moving and hasattr(self, "delay"):
             A = A + self.lag() * self.scales["mobility"] * batch["whole_rate"][:, 0].double()
         z0 = self._start(column["target"][first], v[first], column["N"][first], tables, elements)
-        start_off = torch.zeros(int(first.sum()), dtype=torch.float64, device=A.device)
-        if known and hasattr(self, "starts_off"):
-            start_off = self.scales["start_error"] * self.starts_off.double()
-        arrays = [x.detach().cpu().numpy() for x in (follow, column["N"], column["h"], first, gate)]
+        arrays = [x.detach().cpu().numpy() for x in (follow, column["N"], column["h"], anew, gate)]
         mobility = self.scales["mobility"] if moving else 0.0
-        v_, N_, h_, first_, gate_ = (np.ascontiguousarray(x) for x in arrays)
-        drive = Drive(v_, N_, h_, first_, gate_, mobility, STEPS)
+        v_, N_, h_, anew_, gate_ = (np.ascontiguousarray(x) for x in arrays)
+        drive = Drive(v_, N_, h_, anew_, gate_, mobility, STEPS)
         share = torch.as_tensor(gain, dtype=torch.float64)
         force, slip, states = Recursion.apply(z0, tables, elements, share, A, start_off, self.grid, drive)
         return {"force": force, "slip": slip, "z": states, "off": off, "told": told}
@@ -201,7 +183,9 @@ class StateModel(FrictionModel):
         """Columns of one trial, shape (n, 1): v, N, A, h, start, target, what is measured, rate of the whole force."""
         table, raw = getattr(trial, source), trial.seen if source == "offline" else trial.felt
         start = np.zeros(len(trial.t))
-        start[segments(trial, self.scales["slip_noise"]) if source == "offline" and self.through == "motion" else 0] = 1
+        if source == "offline" and self.through == "motion":
+            start[segments(trial, self.scales["slip_noise"])] = SEGMENT
+        start[0] = TRIAL
         load = np.abs(table["normal_force"])
         A = table["a_frictionless"]
         force = A / self.scales["mobility"] if self.scales["mobility"] else np.zeros_like(A)
@@ -287,8 +271,8 @@ class StateModel(FrictionModel):
         parts = {"slip": (slip / scales["slip_noise"]).clamp(-FAR, FAR).square().mean()}
         if scales["force_noise"] > 0:  # where nothing was smoothed the accelerations are derived, and say nothing more
             parts["force"] = (force / scales["force_noise"]).clamp(-FAR, FAR).square().mean()
-        if own and hasattr(self, "inputs_off"):
-            parts["inputs"] = (self.inputs_off.square().sum() + self.starts_off.square().sum()).double() / n
+        if own and self.errors is not None:
+            parts["inputs"] = self.errors.squares() / n
         if own and self.law_parameters is not None:
             parts["beforehand"] = self._beforehand() / n
         return parts, found["told"]

@@ -6,15 +6,17 @@ stiffness and damping it has few while friction rises towards rest over a wide r
 1. a design over stiffness and damping, the rise as wide as the bounds allow;
 2. from the best two the law alone is fitted to the motion, then the law beside the errors of the inputs;
 3. points along the ridge from the better one, and the best two of them fitted again;
-4. the best of all fitted to the end: along the ridge that takes hundreds of iterations, and stiffness moves with it.
+4. the best of all fitted while its segments carry on more and more of the motion from one to the next, up to whole
+   trials: what segments forget tells of viscous friction.
 
-The network stays at rest: what it has to add to the law is left to the training. L-BFGS: Nocedal and Wright, Numerical
-Optimization, 7.2.
+The network stays at rest: what it has to add to the law is left to the training. L-BFGS (Nocedal and Wright, Numerical
+Optimization, 7.2) over the law in coordinates in which its curvature is one, or it takes hundreds of iterations along
+the ridge.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,8 +34,11 @@ DESIGN = 16  # points, a power of two as Sobol's sequence wants
 RIDGE, FINER = (6, 8), 12  # values of mu_s / mu_c and of v_s, and how often the best v_s is moved beside each mu_s
 FOLLOWED = 2  # points of design and ridge from which a fit goes on
 ALONE, JOINT, ALONG = 30, 80, 60  # iterations: the law alone, beside the inputs' errors, along the ridge
-TO_THE_END = 400  # most iterations of the last fit: those looked at came to rest within as many
-LAW_STEP = 0.03  # of a law's parameters (logarithms) beside one of an input's error, in units of its size
+CARRIED = (0.5, 1.0)  # shares of the motion that a segment has from the one before, in turn
+TO_THE_END = 400  # most iterations with each of them: those looked at came to rest within half as many
+FURTHEST = 0.1  # most that a unit step moves a law's parameters (logarithms) where the loss hardly depends on them
+CLOSE = 1e-4  # step of the differences that tell the curvature, logarithms
+UNKNOWN = ("law_parameters.", "errors.")
 
 Point = dict[str, float]
 
@@ -42,21 +47,25 @@ def find_start(model: StateModel, batch: Batch) -> None:
     """Leave the law's parameters and the inputs' errors of ``model`` where its training on ``batch`` starts."""
     law = model.law_parameters
     assert law is not None
+    model.carried = 0.0
     points = [*design(model), model.physical()]  # a start that was given is one of those tried
     ends = []
     for point in _best(model, batch, points):
         law.place(point)
-        _forget(model)
+        if model.errors is not None:
+            model.errors.forget()
         _fit(model, batch, ("law_parameters.",), ALONE)
-        ends.append((_fit(model, batch, ("law_parameters.", "_off"), JOINT), _now(model)))
+        ends.append((_fit(model, batch, UNKNOWN, JOINT), _now(model)))
     best = min(ends, key=lambda end: end[0])
     _restore(model, best[1])
     for point in _best(model, batch, ridge(model, batch)):
         _restore(model, best[1])
         law.place(point)
-        ends.append((_fit(model, batch, ("law_parameters.", "_off"), ALONG), _now(model)))
+        ends.append((_fit(model, batch, UNKNOWN, ALONG), _now(model)))
     _restore(model, min(ends, key=lambda end: end[0])[1])
-    _fit(model, batch, ("law_parameters.", "_off"), TO_THE_END)
+    for share in CARRIED:
+        model.carried = share
+        _fit(model, batch, UNKNOWN, TO_THE_END)
 
 
 def design(model: StateModel) -> list[Point]:
@@ -127,30 +136,42 @@ def _restore(model: StateModel, known: Mapping[str, torch.Tensor]) -> None:
         p.copy_(known[name])
 
 
-@torch.no_grad()
-def _forget(model: StateModel) -> None:
-    """No error of the inputs."""
-    for name, p in model.named_parameters():
-        if name.endswith("_off"):
-            p.zero_()
-
-
 def _fit(model: StateModel, batch: Batch, named: tuple[str, ...], iterations: int) -> float:
-    """Minimise the loss by L-BFGS over the parameters whose names hold one of ``named``; the loss that is reached."""
-    own = [(name, p) for name, p in model.named_parameters() if any(part in name for part in named)]
-    unit = np.concatenate([np.full(p.numel(), LAW_STEP if "law" in name else 1.0) for name, p in own])
+    """Minimise the loss by L-BFGS over the parameters whose names begin so; the loss that is reached."""
+    own = [(name, p) for name, p in model.named_parameters() if name.startswith(named)]
+    law = np.concatenate([np.full(p.numel(), name.startswith(UNKNOWN[0])) for name, p in own])
     first = torch.cat([p.detach().flatten() for _, p in own]).double().cpu().numpy()
     size = float(len(batch["v"]))  # so that the curvature is that of a sum of squares, for which the tolerances are
 
-    def loss(x: np.ndarray) -> tuple[float, np.ndarray]:
-        parts = torch.from_numpy(first + unit * x).split([p.numel() for _, p in own])
+    def at(x: np.ndarray) -> tuple[float, np.ndarray]:
+        parts = torch.from_numpy(x).split([p.numel() for _, p in own])
         with torch.no_grad():
             for (_, p), part in zip(own, parts, strict=True):
                 p.copy_(part.view_as(p))
         with torch.enable_grad():
             value = size * model.losses(batch)["loss"]
             slopes = torch.autograd.grad(value, [p for _, p in own])
-        return float(value.detach()), unit * torch.cat([g.flatten() for g in slopes]).double().cpu().numpy()
+        return float(value.detach()), torch.cat([g.flatten() for g in slopes]).double().cpu().numpy()
+
+    ways = _ways(lambda x: at(x)[1], first, law)
+
+    def place(y: np.ndarray) -> np.ndarray:
+        x = first + y
+        x[law] = first[law] + ways @ y[law]
+        return x
+
+    def loss(y: np.ndarray) -> tuple[float, np.ndarray]:
+        value, slope = at(place(y))
+        slope[law] = ways.T @ slope[law]
+        return value, slope
 
     found = minimize(loss, np.zeros(len(first)), jac=True, method="L-BFGS-B", options={"maxiter": iterations})
-    return loss(found.x)[0] / size
+    return at(place(found.x))[0] / size
+
+
+def _ways(slope: Callable[[np.ndarray], np.ndarray], x: np.ndarray, law: np.ndarray) -> np.ndarray:
+    """Steps of the law's parameters in which the curvature of the loss at x is one or, where it is small, less."""
+    steps = CLOSE * np.eye(len(x))[law]
+    curvature = np.array([(slope(x + step) - slope(x - step))[law] / (2 * CLOSE) for step in steps])
+    sizes, ways = np.linalg.eigh((curvature + curvature.T) / 2)
+    return ways / np.sqrt(np.maximum(np.abs(sizes), FURTHEST**-2))

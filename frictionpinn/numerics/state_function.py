@@ -19,7 +19,7 @@ class Drive:
         v: slip velocity, which the contact has (imposed) or is corrected to.
         N: load.
         h: time to the next sample, s.
-        start: whether a trial starts.
+        start: share by which slip velocity and states start anew: 1 where a trial begins, 0 where nothing starts.
         gate: share of the correction, 0 to 1.
         mobility: slip acceleration per force; 0: the slip velocity is imposed.
         steps: per sample.
@@ -49,8 +49,8 @@ class Recursion(torch.autograd.Function):
         path = np.empty((len(drive.v) * drive.steps, 1 + known[0].shape[1]))
         rest = (grid, known[2], share, drive.mobility, drive.steps, moving, path)
         along = (drive.v, drive.N, known[3], drive.h, drive.start, drive.gate)
-        force, slip, states = forward(*along, known[0], known[4], known[1], *rest)
-        ctx.kept = drive, known, rest, slip, states
+        force, slip, states, reached = forward(*along, known[0], known[4], known[1], *rest)
+        ctx.kept = drive, known, rest, (slip, states, reached)
         ctx.like = [(value.dtype, value.device) for value in (z0, tables, elements, gain, A, off)]
         told = tuple(torch.from_numpy(value).to(A.device) for value in (force, slip, states))
         ctx.mark_non_differentiable(told[2])
@@ -58,12 +58,11 @@ class Recursion(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx, *bars):
-        drive, (z0, tables, elements, A, _), (grid, *_, share, mobility, steps, moving, path), slip, states = ctx.kept
+        drive, (z0, tables, elements, A, _), (grid, *_, share, mobility, steps, moving, path), given = ctx.kept
         f_bar, v_bar = (np.ascontiguousarray(bar.cpu().numpy()) for bar in bars[:2])
         along = (drive.v, drive.N, A, drive.h, drive.start, drive.gate)
-        found = backward(
-            f_bar, v_bar, *along, z0, tables, grid, elements, share, mobility, steps, moving, path, slip, states
-        )
+        rest = (grid, elements, share, mobility, steps, moving, path)
+        found = backward(f_bar, v_bar, *along, z0, tables, *rest, *given)
         told = [
             torch.as_tensor(value, dtype=t, device=device) for value, (t, device) in zip(found, ctx.like, strict=True)
         ]

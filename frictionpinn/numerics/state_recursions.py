@@ -15,7 +15,7 @@ bristle takes, |damp| <= kappa_k |dead| (|z_k| / s_k)^n_k while z_k' w < 0: no c
 
 z is stepped exactly where n = 1, at a held w; with (|z|/s)^(n-1) held over a step otherwise. Either the slip velocity
 is imposed, or it moves: w' = A - mobility F, corrected at every sample towards the measured one by the share
-``gain * gate``.
+``gain * gate``, and begun anew at a start, wholly or by a share.
 """
 
 from __future__ import annotations
@@ -77,7 +77,8 @@ def forward(v, N, A, h, start, gate, z0, off, tables, grid, elements, gain, mobi
 
     Args:
         v, N, A, h, start, gate: at every sample, shape (n,): slip velocity to follow, load, slip acceleration without
-            friction, time to the next sample, whether a trial starts, share of the correction.
+            friction, time to the next sample, share by which slip velocity and states start anew (1 where a trial
+            begins, 0 where nothing starts), share of the correction.
         z0, off: states at the starts, shape (trials, K); what is added to the slip velocity there, shape (trials,).
         tables: T_1 .. T_K and r, shape (K + 1, velocities, loads).
         grid: see :func:`place`.
@@ -87,20 +88,21 @@ def forward(v, N, A, h, start, gate, z0, off, tables, grid, elements, gain, mobi
         path: shape (n steps, K + 1), filled with slip velocity and states at every step, for :func:`backward`.
 
     Returns:
-        force (n,), slip velocity (n,), states (n, K).
+        force (n,), slip velocity (n,), states (n, K), slip velocity with which every start is reached (trials,).
     """
     n, K = len(v), z0.shape[1]
-    force, slip, states = np.zeros(n), np.zeros(n), np.zeros((n, K))
+    force, slip, states, reached = np.zeros(n), np.zeros(n), np.zeros((n, K)), np.zeros(len(z0))
     z, w, trial = np.zeros(K), 0.0, -1
     for k in range(n):
-        if start[k]:
+        if start[k] > 0.0:
             trial += 1
-            z[:] = z0[trial]
-            w = v[k] + off[trial]
+            reached[trial] = w
+            z[:] = (1.0 - start[k]) * z + start[k] * z0[trial]
+            w = (1.0 - start[k]) * w + start[k] * v[k] + off[trial]
         if not moving:
             w = v[k]
         force[k], slip[k], states[k] = force_of(w, N[k], z, tables, grid, elements), w, z
-        if k + 1 == n or start[k + 1]:
+        if k + 1 == n or start[k + 1] == 1.0:
             continue
         if moving:
             w += gain * gate[k] * (v[k] - w)
@@ -119,7 +121,7 @@ def forward(v, N, A, h, start, gate, z0, off, tables, grid, elements, gain, mobi
                 w = v[k] + after * (v[k + 1] - v[k])
             part = 1.0 if m + 1 < steps else 0.5
             stretch(w, N[k] + (m + 0.5) * more, part * more, z, tables, grid, elements, part * d)
-    return force, slip, states
+    return force, slip, states, reached
 
 
 @njit(cache=True)
@@ -280,7 +282,26 @@ def force_back(f, w, N, z, tables, grid, elements, z_bar, tables_bar, elements_b
 
 @njit(cache=True)
 def backward(
-    f_bar, v_bar, v, N, A, h, start, gate, z0, tables, grid, elements, gain, mobility, steps, moving, path, slip, states
+    f_bar,
+    v_bar,
+    v,
+    N,
+    A,
+    h,
+    start,
+    gate,
+    z0,
+    tables,
+    grid,
+    elements,
+    gain,
+    mobility,
+    steps,
+    moving,
+    path,
+    slip,
+    states,
+    reached,
 ):
     """Gradients of a scalar in z0, tables, elements, gain, A and off, from those in force and slip velocity, (n,).
 
@@ -293,13 +314,13 @@ def backward(
     z_bar, w_bar, trial = np.zeros(K), 0.0, len(z0) - 1
     z = np.zeros(K)
     for k in range(n - 1, -1, -1):
-        last = k + 1 == n or start[k + 1]
+        last = k + 1 == n or start[k + 1] == 1.0
         if last:
             z_bar[:] = 0.0
             w_bar = 0.0
         else:
             d = h[k] / steps
-            w, more = slip[k + 1], (N[k + 1] - N[k]) / steps
+            w, more = reached[trial + 1] if start[k + 1] > 0.0 else slip[k + 1], (N[k + 1] - N[k]) / steps
             for m in range(steps - 1, -1, -1):
                 row, share = k * steps + m, (m + 0.5) / steps
                 z[:] = path[row, 1:]
@@ -322,7 +343,9 @@ def backward(
                 w_bar *= 1 - gain * gate[k]
         own = force_back(f_bar[k], slip[k], N[k], states[k], tables, grid, elements, z_bar, tables_bar, elements_bar)
         w_bar = w_bar + own + v_bar[k] if moving else 0.0
-        if start[k]:
-            z0_bar[trial], off_bar[trial] = z_bar, w_bar
+        if start[k] > 0.0:
+            z0_bar[trial], off_bar[trial] = start[k] * z_bar, w_bar
+            z_bar *= 1.0 - start[k]
+            w_bar *= 1.0 - start[k]
             trial -= 1
     return z0_bar, tables_bar, elements_bar, gain_bar, A_bar, off_bar

@@ -152,7 +152,7 @@ def _state(
                         allowed="a whole number from 1")  # fmt: skip
     load = np.concatenate([np.abs(trial.offline["normal_force"]) for trial in train])
     noise = dict(noise or UNTOLD)
-    shape = noise.pop("input_shape")
+    shape, ends = noise.pop("input_shape"), noise.pop("input_ends")
     scales = {
         "mobility": mobility,
         "load_low": float(load.min()),
@@ -161,7 +161,7 @@ def _state(
         "step": float(np.median(np.diff(train[0].t))),
         **noise,
     }
-    return options | {"lengths": lengths(train, noise["slip_noise"]), "input_shape": shape}, scales
+    return options | {"lengths": lengths(train, noise["slip_noise"]), "input_shape": shape, "input_ends": ends}, scales
 
 
 def _map(cfg: Config, system: System, contact: str, train: Sequence[ContactTrial]) -> dict[str, Any]:

@@ -95,9 +95,42 @@ def test_what_smoothing_leaves_is_found_by_smoothing_again(data):
     told = input_noise(data.recording, system, KalmanSmoother(), train)
     slip = np.concatenate([t.offline["v_slip"] - t.truth["v_slip"] for t in train])
     assert told["start_error"] == pytest.approx(np.sqrt(np.mean(slip**2)), rel=0.6)
+    assert told["first_error"] > told["start_error"]  # a smoother sees one side of a trial's first sample
     assert 0 < told["input_error"] < 0.2
     noise = np.concatenate([t.seen["v_slip"] - t.truth["v_slip"] for t in train])
     assert told["slip_noise"] == pytest.approx(np.sqrt(np.mean(noise**2)), rel=0.1)
+
+
+def test_errors_that_are_larger_near_the_ends_of_a_trial_are_known_to_be():
+    from frictionpinn.data.input_noise import ends
+
+    rng, size = np.random.default_rng(0), 1 + 3 * np.exp(-np.minimum(np.arange(400), np.arange(400)[::-1]) / 10)
+    profile, inside = ends([0.1 * size * rng.standard_normal(400) for _ in range(400)])
+    assert inside == pytest.approx(0.1, rel=0.02)
+    assert 20 < len(profile) < 150
+    np.testing.assert_allclose(profile[:20], size[:20], rtol=0.2)
+
+
+def test_errors_of_the_inputs_have_the_size_that_smoothing_leaves():
+    from frictionpinn.models.input_errors import InputErrors
+
+    scales = {"input_error": 0.2, "start_error": 0.1, "first_error": 0.3, "step": 0.01, "input_step": 0.01}
+    errors = InputErrors([[300, 200], [500]], [0.6, 0.8], [4.0, 2.0], scales)
+    torch.manual_seed(0)
+    made = []
+    for _ in range(400):
+        with torch.no_grad():
+            errors.inputs.normal_()
+            errors.starts.fill_(1.0)
+            made.append(errors.along().numpy())
+    spread = np.std(made, axis=0)
+    assert spread[[0, 499, 500, 999]].mean() == pytest.approx(0.8, rel=0.1)
+    assert spread[[1, 498, 501, 998]].mean() == pytest.approx(0.4, rel=0.1)
+    assert spread[10:400].mean() == pytest.approx(0.2, rel=0.05)
+    anew = torch.tensor([1.0, 0.5, 1.0], dtype=torch.float64)
+    assert errors.at_starts(anew).tolist() == pytest.approx([0.3, 0.05, 0.3])
+    errors.forget()
+    assert errors.squares().item() == 0.0
 
 
 def test_errors_of_an_acceleration_whose_position_is_measured_keep_their_lack_of_a_slow_part():

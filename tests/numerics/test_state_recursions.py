@@ -18,17 +18,19 @@ GRID = np.array([0.01, -4.0, 0.5, 8.0, 2.0])
 LUGRE = {"sigma_0": 1e5, "sigma_1": 316.23, "sigma_2": 0.4, "mu_c": 0.3, "mu_s": 0.6, "v_s": 1e-3}
 
 
-def drive(n: int, mobility: float, steps: int = 3) -> Drive:
+def drive(n: int, mobility: float, steps: int = 3, anew: float = 1.0) -> Drive:
     rng, t = np.random.default_rng(0), np.arange(n) * 0.01
     v = 0.3 * np.sin(9 * t) + 0.05 * rng.standard_normal(n)
-    start = np.isin(np.arange(n), (0, n // 2))
+    start = np.zeros(n)
+    start[0], start[n // 2] = 1.0, anew
     # the load stays: its share of a step is held in the gradient
     return Drive(v, np.full(n, 10.0), np.full(n, 0.01), start, rng.random(n), mobility, steps)
 
 
 @pytest.mark.parametrize("mobility", [0.0, 0.5])
 @pytest.mark.parametrize("damping", [5.0, 500.0])
-def test_the_hand_derived_gradient_agrees_with_differences(mobility, damping):
+@pytest.mark.parametrize("anew", [1.0, 0.4])
+def test_the_hand_derived_gradient_agrees_with_differences(mobility, damping, anew):
     rng, n, K = np.random.default_rng(1), 40, 2
     tables = 1e-3 * (0.5 + rng.random((K + 1, 17, 3)))
     tables[K] *= 1e3
@@ -36,7 +38,7 @@ def test_the_hand_derived_gradient_agrees_with_differences(mobility, damping):
     acceleration = 3 * np.cos(0.09 * np.arange(n))
     known = [1e-3 * rng.standard_normal((2, K)), tables, elements, np.array(0.3), acceleration, np.array([0.01, -0.02])]
     leaves = [torch.tensor(value, requires_grad=True) for value in known]
-    along = drive(n, mobility)
+    along = drive(n, mobility, anew=anew)
 
     def scalar(*values: torch.Tensor) -> torch.Tensor:
         force, slip, _ = Recursion.apply(*values, GRID, along)
@@ -52,6 +54,20 @@ def test_the_hand_derived_gradient_agrees_with_differences(mobility, damping):
             ends.append(float(scalar(*moved).detach()))
         difference = (ends[0] - ends[1]) / 2e-6
         assert float((slope * way).sum()) == pytest.approx(difference, rel=2e-3, abs=1e-3)
+
+
+def test_a_start_that_carries_all_on_leaves_the_motion_as_it_is():
+    rng, n, K = np.random.default_rng(1), 40, 2
+    tables, elements = 1e-3 * (0.5 + rng.random((K + 1, 17, 3))), np.array([[500.0, 300.0], [5.0, 4.0], [0, 0], [1, 1]])
+    rest = [torch.from_numpy(x) for x in (tables, elements, np.array(0.0), 3 * np.cos(0.09 * np.arange(n)))]
+    z0, off = torch.zeros((2, K), dtype=torch.float64), torch.zeros(2, dtype=torch.float64)
+    told = [Recursion.apply(z0, *rest, off, GRID, drive(n, 0.5, anew=anew))[1].numpy() for anew in (1e-12, 0.3, 1.0)]
+    whole = Recursion.apply(z0[:1], *rest, off[:1], GRID, drive(n, 0.5, anew=0.0))[1].numpy()
+    np.testing.assert_allclose(told[0], whole, atol=1e-9)
+    half = n // 2
+    measured = drive(n, 0.5).v[half]
+    assert told[1][half] == pytest.approx(0.3 * measured + 0.7 * whole[half])
+    assert told[2][half] == pytest.approx(measured)
 
 
 def friction(values: dict[str, float]) -> StateFriction:
@@ -72,7 +88,7 @@ def test_one_bristle_moves_a_drive_as_lugre_friction_does():
     force = 8.0 * np.sin(2 * np.pi * 2 * t)
     run = Simulator(Mechanism(system, LAWS["lugre"]())).simulate(t, {"force": force}, values, z0=0.0)
     model = friction(values)
-    along = Drive(np.zeros(400), np.full(400, 1.0), np.full(400, 1 / 400), np.arange(400) == 0, np.zeros(400), 0.5, 4)
+    along = Drive(np.zeros(400), np.full(400, 1.0), np.full(400, 1 / 400), np.eye(400)[0], np.zeros(400), 0.5, 4)
     zeros = torch.zeros(1, dtype=torch.float64)
     told, slip, _ = Recursion.apply(
         zeros[None], torch.from_numpy(model.tables), torch.from_numpy(model.elements), zeros[0],
