@@ -49,12 +49,12 @@ class StateModel(FrictionModel):
     Trained through the ``balance`` the slip velocity is the measured one, and the force is compared with that of the
     equation of motion. Trained through the ``motion`` it moves, v' = a_frictionless - mobility F, and velocity and
     force are compared with the measured ones over their noise. A trial is cut where it slides fastest, and each segment
-    starts anew from what was measured: a stop that is simulated wrongly spoils one segment. A parameter estimator,
-    which starts where its law fits, carries on from segment to segment: what a segment forgets tells of viscous
-    friction. The errors of the smoothed a_frictionless and of the velocities at the starts are estimated beside the
-    weights (:mod:`.input_errors`), as maximum likelihood treats them. Online a model that sees a_frictionless carries
-    slip velocity and bristles on from sample to sample and corrects the velocity by the measured one while the contact
-    slides; one that does not follows the measured velocity.
+    starts anew from what was measured: a stop that is simulated wrongly spoils one segment. A parameter estimator
+    carries on from segment to segment where its law explains whole trials (:mod:`.state_start`): what a segment forgets
+    tells of viscous friction. The errors of the smoothed a_frictionless and of the velocities at the starts are
+    estimated beside the weights (:mod:`.input_errors`), as maximum likelihood treats them. Online a model that sees
+    a_frictionless carries slip velocity and bristles on from sample to sample and corrects the velocity by the measured
+    one while the contact slides; one that does not follows the measured velocity.
 
     Args:
         state: ``elements``, ``gaps`` (whether a bristle has play), ``delay`` (whether the measured force comes early
@@ -69,6 +69,7 @@ class StateModel(FrictionModel):
     met: Tensor
     knots: Tensor
     eyes: Tensor
+    carried: Tensor
     own = ("law_parameters.", "stiffness", "damping", "gap", "sharp")
 
     def __init__(self, *, state: dict[str, Any], law: dict[str, Any] | None = None, **common: Any):
@@ -76,7 +77,8 @@ class StateModel(FrictionModel):
         self.save_hyperparameters(logger=False)
         del self.network  # of the windows
         scales, options = self.scales, dict(state)
-        self.carried = 1.0 if law else 0.0  # share of its velocity and bristles that a segment has from the one before
+        # Share of its velocity and bristles that a segment has from the one before.
+        self.register_buffer("carried", torch.zeros((), dtype=torch.float64))
         self.lengths = [int(n) for own in state.get("lengths", ()) for n in own]
         self.weight = float(self.loss.get("weight", options.get("weight", 1.0)))
         self.K = 1 if law else int(options["elements"])

@@ -7,7 +7,8 @@ stiffness and damping it has few while friction rises towards rest over a wide r
 2. from the best two the law alone is fitted to the motion, then the law beside the errors of the inputs;
 3. points along the ridge from the better one, and the best two of them fitted again;
 4. the best of all fitted while its segments carry on more and more of the motion from one to the next, up to whole
-   trials: what segments forget tells of viscous friction.
+   trials: what segments forget tells of viscous friction. A law that does not explain whole trials (by the likelihood
+   ratio) is fitted to the segments as they were, each of which it may still explain.
 
 The network stays at rest: what it has to add to the law is left to the training. L-BFGS (Nocedal and Wright, Numerical
 Optimization, 7.2) over the law in coordinates in which its curvature is one, or it takes hundreds of iterations along
@@ -22,10 +23,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 from scipy.optimize import minimize, minimize_scalar
-from scipy.stats import qmc
+from scipy.stats import chi2, qmc
 
 from ..physics.beforehand import DAMPING_RATIO, STATIC_RATIO
 from .base import Batch
+from .segments import SEGMENT
 
 if TYPE_CHECKING:
     from .state import StateModel
@@ -35,6 +37,7 @@ RIDGE, FINER = (6, 8), 12  # values of mu_s / mu_c and of v_s, and how often the
 FOLLOWED = 2  # points of design and ridge from which a fit goes on
 ALONE, JOINT, ALONG = 30, 80, 60  # iterations: the law alone, beside the inputs' errors, along the ridge
 CARRIED = (0.5, 1.0)  # shares of the motion that a segment has from the one before, in turn
+DIFFER = 1e-3  # significance at which trials are not what their segments carry on
 TO_THE_END = 400  # most iterations with each of them: those looked at came to rest within half as many
 FURTHEST = 0.1  # most that a unit step moves a law's parameters (logarithms) where the loss hardly depends on them
 CLOSE = 1e-4  # step of the differences that tell the curvature, logarithms
@@ -47,7 +50,7 @@ def find_start(model: StateModel, batch: Batch) -> None:
     """Leave the law's parameters and the inputs' errors of ``model`` where its training on ``batch`` starts."""
     law = model.law_parameters
     assert law is not None
-    model.carried = 0.0
+    model.carried.fill_(0.0)
     points = [*design(model), model.physical()]  # a start that was given is one of those tried
     ends = []
     for point in _best(model, batch, points):
@@ -56,15 +59,21 @@ def find_start(model: StateModel, batch: Batch) -> None:
             model.errors.forget()
         _fit(model, batch, ("law_parameters.",), ALONE)
         ends.append((_fit(model, batch, UNKNOWN, JOINT), _now(model)))
-    best = min(ends, key=lambda end: end[0])
-    _restore(model, best[1])
+    fitted = min(ends, key=lambda end: end[0])[1]
+    _restore(model, fitted)
     for point in _best(model, batch, ridge(model, batch)):
-        _restore(model, best[1])
+        _restore(model, fitted)
         law.place(point)
         ends.append((_fit(model, batch, UNKNOWN, ALONG), _now(model)))
-    _restore(model, min(ends, key=lambda end: end[0])[1])
+    apart, best = min(ends, key=lambda end: end[0])
+    _restore(model, best)
     for share in CARRIED:
-        model.carried = share
+        model.carried.fill_(share)
+        whole = _fit(model, batch, UNKNOWN, TO_THE_END)
+    joints = int((batch["start"] == SEGMENT).sum())
+    if joints and len(batch["start"]) * (whole - apart) > chi2.isf(DIFFER, joints):
+        model.carried.fill_(0.0)
+        _restore(model, best)
         _fit(model, batch, UNKNOWN, TO_THE_END)
 
 

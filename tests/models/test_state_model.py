@@ -210,10 +210,25 @@ def test_a_start_far_off_is_left_for_one_where_the_law_fits_the_motion(started):
     near = {"sigma_0": 1e5, "sigma_1": 316.23, "sigma_2": 0.4, "mu_c": 0.3, "mu_s": 0.6, "v_s": 1e-3}
     bounds = {name: [value / 4, 4 * value] for name, value in near.items()}
     off = {"sigma_0": 3e5, "sigma_1": 90.0, "sigma_2": 0.2, "mu_c": 0.2, "mu_s": 0.25, "v_s": 3e-3}
-    found = started("pe2", friction={"start": off, "bounds": bounds}).physical()
+    model = started("pe2", friction={"start": off, "bounds": bounds})
+    found = model.physical()
+    assert float(model.carried) == 1.0  # its law explains whole trials
     assert found["mu_c"] == pytest.approx(0.3, rel=0.02)
     assert found["sigma_0"] == pytest.approx(1e5, rel=0.4)
     assert found["sigma_1"] == pytest.approx(316.23, rel=0.4)
+
+
+def test_a_law_that_explains_segments_and_not_whole_trials_is_fitted_to_segments(stateful, batch):
+    from frictionpinn.models.state_start import find_start
+
+    model = stateful("pe2", friction={"fixed": {"mu_s": 0.6, "v_s": 1e-3}})
+    kicked = dict(batch(model))
+    first = int(np.flatnonzero(kicked["start"][:, 0] == 2.0)[0])
+    kicked["A"] = kicked["A"].clone()
+    kicked["A"][first - 6 : first] += 3.0  # something pushes that is in no equation
+    find_start(model, kicked)
+    assert float(model.carried) == 0.0
+    assert model.physical()["mu_c"] == pytest.approx(0.3, rel=0.05)
 
 
 def test_a_parameter_that_is_fixed_stays_where_it_is_said_to_be(started):
