@@ -28,7 +28,7 @@ from frictionpinn.workflow.train import train
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "networks_choice.txt"
 CANDIDATES = {
-    "pe2": ["", "model.loss.weight=10", "model.loss.weight=1000", "optimizer.lr_physical=2e-2"],
+    "pe2": ["", "model.loss.weight=10", "model.loss.weight=100", "optimizer.lr_physical=2e-2"],
     "bb2": ["", "model.loss.weight=100", "model.loss.weight=10000", "optimizer.lr=3e-3", "optimizer.lr_physical=2e-2"],
 }  # fmt: skip
 
