@@ -180,7 +180,8 @@ def _fit(model: StateModel, batch: Batch, named: tuple[str, ...], iterations: in
 
 def _ways(slope: Callable[[np.ndarray], np.ndarray], x: np.ndarray, law: np.ndarray) -> np.ndarray:
     """Steps of the law's parameters in which the curvature of the loss at x is one or, where it is small, less."""
-    steps = CLOSE * np.eye(len(x))[law]
+    steps = np.zeros((np.count_nonzero(law), len(x)))
+    steps[np.arange(len(steps)), np.flatnonzero(law)] = CLOSE
     curvature = np.array([(slope(x + step) - slope(x - step))[law] / (2 * CLOSE) for step in steps])
     sizes, ways = np.linalg.eigh((curvature + curvature.T) / 2)
     return ways / np.sqrt(np.maximum(np.abs(sizes), FURTHEST**-2))
