@@ -37,7 +37,8 @@ def input_noise(recording: Recording, system: System, smoother: Smoother, trials
         trials: training trials.
 
     Returns:
-        ``input_error``: root mean square error of a_frictionless; ``start_error``: of v_slip; ``slip_noise``,
+        ``input_error``: root mean square error of a_frictionless far from a trial's ends, ``input_ends``: near them as
+        multiples of it (:func:`ends`); ``start_error``: of v_slip, ``first_error``: at first samples; ``slip_noise``,
         ``force_noise``: of v_slip and friction_force as measured; where nothing was smoothed 0, of v_slip ``CLEAN``.
         ``input_shape``, ``input_step``: see :func:`shape`.
     """

@@ -58,12 +58,12 @@ class Recursion(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx, *bars):
-        drive, (z0, tables, elements, A, _), (grid, *_, share, mobility, steps, moving, path), given = ctx.kept
+        drive, (z0, tables, elements, A, _), (grid, *_, share, mobility, steps, moving, path), told = ctx.kept
         f_bar, v_bar = (np.ascontiguousarray(bar.cpu().numpy()) for bar in bars[:2])
         along = (drive.v, drive.N, A, drive.h, drive.start, drive.gate)
         rest = (grid, elements, share, mobility, steps, moving, path)
-        found = backward(f_bar, v_bar, *along, z0, tables, *rest, *given)
-        told = [
+        found = backward(f_bar, v_bar, *along, z0, tables, *rest, told)
+        slopes = [
             torch.as_tensor(value, dtype=t, device=device) for value, (t, device) in zip(found, ctx.like, strict=True)
         ]
-        return (*told, None, None)
+        return (*slopes, None, None)

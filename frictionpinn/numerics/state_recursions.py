@@ -282,31 +282,13 @@ def force_back(f, w, N, z, tables, grid, elements, z_bar, tables_bar, elements_b
 
 @njit(cache=True)
 def backward(
-    f_bar,
-    v_bar,
-    v,
-    N,
-    A,
-    h,
-    start,
-    gate,
-    z0,
-    tables,
-    grid,
-    elements,
-    gain,
-    mobility,
-    steps,
-    moving,
-    path,
-    slip,
-    states,
-    reached,
+    f_bar, v_bar, v, N, A, h, start, gate, z0, tables, grid, elements, gain, mobility, steps, moving, path, told
 ):
     """Gradients of a scalar in z0, tables, elements, gain, A and off, from those in force and slip velocity, (n,).
 
-    Others: as :func:`forward` took and gave them.
+    Others: as :func:`forward` took them; told: slip velocity, states and velocities reached, as it gave them.
     """
+    slip, states, reached = told
     n, K = len(v), z0.shape[1]
     z0_bar, tables_bar = np.zeros_like(z0), np.zeros_like(tables)
     elements_bar, gain_bar, A_bar = np.zeros_like(elements), 0.0, np.zeros(n)
