@@ -70,6 +70,7 @@ class StateModel(FrictionModel):
     knots: Tensor
     eyes: Tensor
     carried: Tensor
+    departs: Tensor
     own = ("law_parameters.", "stiffness", "damping", "gap", "sharp")
 
     def __init__(self, *, state: dict[str, Any], law: dict[str, Any] | None = None, **common: Any):
@@ -79,12 +80,15 @@ class StateModel(FrictionModel):
         scales, options = self.scales, dict(state)
         # Share of its velocity and bristles that a segment has from the one before.
         self.register_buffer("carried", torch.zeros((), dtype=torch.float64))
+        # Whether the network of a parameter estimator departs from the law.
+        self.register_buffer("departs", torch.ones((), dtype=torch.float64))
         self.lengths = [int(n) for own in state.get("lengths", ()) for n in own]
         self.weight = float(self.loss.get("weight", options.get("weight", 1.0)))
         self.K = 1 if law else int(options["elements"])
         self.moving = scales["mobility"] > 0 and "a_frictionless" in self.features.inputs
         self.through = through(self.loss.get("through"), self.moving, scales)
-        self.grid, knots, eyes = knots_of(self.scales, common["network"].get("odd", True))
+        self.odd = bool(common["network"].get("odd", True))
+        self.grid, knots, eyes = knots_of(self.scales, self.odd)
         self.register_buffer("knots", torch.from_numpy(knots), persistent=False)
         self.register_buffer("eyes", torch.from_numpy(eyes).float(), persistent=False)
         self.network = perceptron(  # type: ignore[assignment]
@@ -125,7 +129,8 @@ class StateModel(FrictionModel):
         if self.law_parameters is not None:
             p = {name: value.double() for name, value in self.law_parameters().items()}
             v, N = self.knots[:, 0], self.knots[:, 1]
-            told = beside_law(told, self.functions.capacity, self.law_parameters.raw, p, self.knots, self.met)
+            told, free = self.departs * told, self.law_parameters.raw
+            told = beside_law(told, self.functions.capacity, free, p, self.knots, self.met)
             T = self.functions.capacity(v, N, *p.values()) / (p["sigma_0"] * N) * torch.exp(told[:, 0])
             zero = torch.zeros((), dtype=torch.float64, device=T.device)
             r = p.get("sigma_2", zero) * torch.ones_like(T)

@@ -8,11 +8,13 @@ stiffness and damping it has few while friction rises towards rest over a wide r
 3. points along the ridge from the better one, and the best two of them fitted again;
 4. the best of all fitted while its segments carry on more and more of the motion from one to the next, up to whole
    trials: what segments forget tells of viscous friction. A law that does not explain whole trials (by the likelihood
-   ratio) is fitted to the segments as they were, each of which it may still explain.
+   ratio) is fitted to the segments as they were, each of which it may still explain;
+5. law and a departure of its own at every speed fitted together, which tells whether a network has anything to add.
+   Where that is no likelier than the law alone (by the same ratio) the network stays at rest in the training, too: it
+   would learn noise, and what it learns viscous friction lacks.
 
-The network stays at rest: what it has to add to the law is left to the training. L-BFGS (Nocedal and Wright, Numerical
-Optimization, 7.2) over the law in coordinates in which its curvature is one, or it takes hundreds of iterations along
-the ridge.
+L-BFGS (Nocedal and Wright, Numerical Optimization, 7.2) over the law in coordinates in which its curvature is one, or
+it takes hundreds of iterations along the ridge.
 """
 
 from __future__ import annotations
@@ -24,9 +26,11 @@ import numpy as np
 import torch
 from scipy.optimize import minimize, minimize_scalar
 from scipy.stats import chi2, qmc
+from torch import nn
 
 from ..physics.beforehand import DAMPING_RATIO, STATIC_RATIO
 from .base import Batch
+from .knots import KNOTS, LOADS
 from .segments import SEGMENT
 
 if TYPE_CHECKING:
@@ -37,7 +41,7 @@ RIDGE, FINER = (6, 8), 12  # values of mu_s / mu_c and of v_s, and how often the
 FOLLOWED = 2  # points of design and ridge from which a fit goes on
 ALONE, JOINT, ALONG = 30, 80, 60  # iterations: the law alone, beside the inputs' errors, along the ridge
 CARRIED = (0.5, 1.0)  # shares of the motion that a segment has from the one before, in turn
-DIFFER = 1e-3  # significance at which trials are not what their segments carry on
+DIFFER = 1e-3  # significance: trials are not what their segments carry on; a network has something to add to its law
 TO_THE_END = 400  # most iterations with each of them: those looked at came to rest within half as many
 FURTHEST = 0.1  # most that a unit step moves a law's parameters (logarithms) where the loss hardly depends on them
 CLOSE = 1e-4  # step of the differences that tell the curvature, logarithms
@@ -51,6 +55,7 @@ def find_start(model: StateModel, batch: Batch) -> None:
     law = model.law_parameters
     assert law is not None
     model.carried.fill_(0.0)
+    model.departs.fill_(0.0)
     points = [*design(model), model.physical()]  # a start that was given is one of those tried
     ends = []
     for point in _best(model, batch, points):
@@ -74,7 +79,38 @@ def find_start(model: StateModel, batch: Batch) -> None:
     if joints and len(batch["start"]) * (whole - apart) > chi2.isf(DIFFER, joints):
         model.carried.fill_(0.0)
         _restore(model, best)
-        _fit(model, batch, UNKNOWN, TO_THE_END)
+        whole = _fit(model, batch, UNKNOWN, TO_THE_END)
+    alone = _now(model)
+    model.departs.fill_(1.0)
+    network, weight, free = model.network, model.weight, BySpeed(model)
+    model.network, model.weight = free, 0.0  # type: ignore[assignment]
+    beside = _fit(model, batch, ("network.", *UNKNOWN), TO_THE_END)
+    model.network, model.weight = network, weight
+    _restore(model, alone)
+    if len(batch["start"]) * (whole - beside) < chi2.isf(DIFFER, len(free.values)):
+        model.departs.fill_(0.0)
+
+
+class BySpeed(nn.Module):
+    """A departure from the law at every knot over the velocity that samples meet faster than its noise, the same at
+    all loads and, beside an odd network, in both directions; in place of a network."""
+
+    place: torch.Tensor
+
+    def __init__(self, model: StateModel):
+        super().__init__()
+        v, met = model.knots[:, 0].reshape(KNOTS, LOADS)[:, 0], model.met.reshape(KNOTS, LOADS).sum(1) > 0
+        met = met & (v.abs() > model.scales["slip_noise"])
+        side = torch.arange(KNOTS)
+        if model.odd:
+            met, side = met | met.flip(0), torch.maximum(side, side.flip(0))
+        speeds = torch.unique(side[met])
+        self.values = nn.Parameter(torch.zeros(len(speeds) + 1))
+        place = torch.searchsorted(speeds, side)
+        self.register_buffer("place", place.where(met, torch.tensor(len(speeds))).repeat_interleave(LOADS))
+
+    def forward(self, eyes: torch.Tensor) -> torch.Tensor:
+        return self.values[self.place, None]
 
 
 def design(model: StateModel) -> list[Point]:
@@ -148,7 +184,7 @@ def _restore(model: StateModel, known: Mapping[str, torch.Tensor]) -> None:
 def _fit(model: StateModel, batch: Batch, named: tuple[str, ...], iterations: int) -> float:
     """Minimise the loss by L-BFGS over the parameters whose names begin so; the loss that is reached."""
     own = [(name, p) for name, p in model.named_parameters() if name.startswith(named)]
-    law = np.concatenate([np.full(p.numel(), name.startswith(UNKNOWN[0])) for name, p in own])
+    law = np.concatenate([np.full(p.numel(), not name.startswith(UNKNOWN[1])) for name, p in own])
     first = torch.cat([p.detach().flatten() for _, p in own]).double().cpu().numpy()
     size = float(len(batch["v"]))  # so that the curvature is that of a sum of squares, for which the tolerances are
 

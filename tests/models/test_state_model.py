@@ -213,6 +213,7 @@ def test_a_start_far_off_is_left_for_one_where_the_law_fits_the_motion(started):
     model = started("pe2", friction={"start": off, "bounds": bounds})
     found = model.physical()
     assert float(model.carried) == 1.0  # its law explains whole trials
+    assert float(model.departs) == 0.0  # and leaves nothing to the network
     assert found["mu_c"] == pytest.approx(0.3, rel=0.02)
     assert found["sigma_0"] == pytest.approx(1e5, rel=0.4)
     assert found["sigma_1"] == pytest.approx(316.23, rel=0.4)
@@ -229,6 +230,29 @@ def test_a_law_that_explains_segments_and_not_whole_trials_is_fitted_to_segments
     find_start(model, kicked)
     assert float(model.carried) == 0.0
     assert model.physical()["mu_c"] == pytest.approx(0.3, rel=0.05)
+
+
+def test_a_network_departs_from_its_law_where_the_motion_tells_of_friction_that_the_law_cannot_say(stateful, batch):
+    from frictionpinn.models.state_start import find_start
+
+    model = stateful("pe2", friction={"fixed": {"mu_s": 0.6, "v_s": 1e-3}})
+    resisted = dict(batch(model))
+    v = resisted["seen_v"]
+    resisted["A"] = resisted["A"] - 4.0 * v * v.abs()  # m/s^2: a drag that is in no equation
+    find_start(model, resisted)
+    assert float(model.departs) == 1.0
+    assert float(model.tables()[2].detach().abs().max()) == 0.0  # it begins at rest
+
+
+def test_a_network_without_a_say_changes_nothing(stateful):
+    model = stateful("pe2")
+    model.departs.fill_(0.0)
+    v, N = np.linspace(0.05, 0.5, 5), np.full(5, 15.0)
+    before = model.friction().steady(v, N)
+    with torch.no_grad():
+        for p in model.network.parameters():
+            p.add_(0.1 * torch.randn_like(p))
+    np.testing.assert_array_equal(model.friction().steady(v, N), before)
 
 
 def test_a_parameter_that_is_fixed_stays_where_it_is_said_to_be(started):
