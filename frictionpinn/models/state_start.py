@@ -19,6 +19,7 @@ it takes hundreds of iterations along the ridge.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -36,6 +37,7 @@ from .segments import SEGMENT
 if TYPE_CHECKING:
     from .state import StateModel
 
+log = logging.getLogger(__name__)
 DESIGN = 16  # points, a power of two as Sobol's sequence wants
 RIDGE, FINER = (6, 8), 12  # values of mu_s / mu_c and of v_s, and how often the best v_s is moved beside each mu_s
 FOLLOWED = 2  # points of design and ridge from which a fit goes on
@@ -80,15 +82,21 @@ def find_start(model: StateModel, batch: Batch) -> None:
         model.carried.fill_(0.0)
         _restore(model, best)
         whole = _fit(model, batch, UNKNOWN, TO_THE_END)
-    alone = _now(model)
+    model.departs.fill_(float(has_something_to_add(model, batch, whole)))
+
+
+def has_something_to_add(model: StateModel, batch: Batch, alone: float) -> bool:
+    """Whether a departure from the law makes the motion likelier than the law alone, whose loss is ``alone``."""
+    known, network, weight, free = _now(model), model.network, model.weight, BySpeed(model)
     model.departs.fill_(1.0)
-    network, weight, free = model.network, model.weight, BySpeed(model)
     model.network, model.weight = free, 0.0  # type: ignore[assignment]
     beside = _fit(model, batch, ("network.", *UNKNOWN), TO_THE_END)
     model.network, model.weight = network, weight
-    _restore(model, alone)
-    if len(batch["start"]) * (whole - beside) < chi2.isf(DIFFER, len(free.values)):
-        model.departs.fill_(0.0)
+    _restore(model, known)
+    gain, asked = len(batch["start"]) * (alone - beside), chi2.isf(DIFFER, len(free.values))
+    fate = "is trained beside" if gain > asked else "stays at rest beside"
+    log.info(f"the network {fate} its law: a departure gains {gain:.0f} in -2 log likelihood, asked {asked:.0f}")
+    return bool(gain > asked)
 
 
 class BySpeed(nn.Module):
@@ -105,12 +113,12 @@ class BySpeed(nn.Module):
         if model.odd:
             met, side = met | met.flip(0), torch.maximum(side, side.flip(0))
         speeds = torch.unique(side[met])
-        self.values = nn.Parameter(torch.zeros(len(speeds) + 1))
+        self.values = nn.Parameter(torch.zeros(len(speeds)))
         place = torch.searchsorted(speeds, side)
         self.register_buffer("place", place.where(met, torch.tensor(len(speeds))).repeat_interleave(LOADS))
 
     def forward(self, eyes: torch.Tensor) -> torch.Tensor:
-        return self.values[self.place, None]
+        return nn.functional.pad(self.values, (0, 1))[self.place, None]
 
 
 def design(model: StateModel) -> list[Point]:
