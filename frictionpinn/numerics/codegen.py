@@ -27,7 +27,7 @@ from ..physics.mechanism import Mechanism
 
 log = logging.getLogger(__name__)
 
-VERSION = 3
+VERSION = 4
 _LOADING = RLock()  # a module that another thread is still loading lacks its functions
 
 _HEADER = '''"""{title}"""
@@ -36,15 +36,22 @@ import math
 
 from numba import njit
 
+from frictionpinn.numerics.straight_line import straight_line
+
 SIGNATURE = "void(f8[::1],f8[::1],f8[::1],f8[::1],f8[::1])"
 
 '''
 
 _FUNCTION = """
 
+@straight_line
+def _{name}(s, w, u, p, out):
+{body}
+
+
 @njit(SIGNATURE, cache=True, fastmath=False, error_model="numpy", nogil=True)
 def {name}(s, w, u, p, out):
-{body}
+    _{name}(s, w, u, p, out)
 """
 
 
