@@ -27,9 +27,9 @@ _COMPARED: dict[type, str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: 
 def straight_line(function: Callable) -> Callable:
     """``function``, whose arguments are contiguous float64 vectors, for use within a compiled one.
 
-    It consists of assignments to names and to elements of a vector, ``out[3] = ...``, of expressions of numbers, names,
-    elements, ``+ - * / **``, comparisons, ``and``, ``or``, ``not``, ``a if b else c``, ``abs``, ``min``, ``max`` and
-    functions of ``math``. Division by zero gives what IEEE 754 says.
+    It consists of assignments to names, of numbers or truths, and to elements of a vector, ``out[3] = ...``, of
+    expressions of numbers, names, elements, ``+ - * / **``, comparisons, ``and``, ``or``, ``not``, ``a if b else c``,
+    ``abs``, ``min``, ``max`` and functions of ``math``. Division by zero gives what IEEE 754 says.
 
     Raises:
         NotImplementedError: when compiled, anything else, with its line.
@@ -71,6 +71,10 @@ class _Writer:
     def lines(self, statements: Sequence[ast.stmt]) -> None:
         for statement in statements:
             match statement:
+                case ast.Assign(
+                    targets=[ast.Name(id=name)], value=ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()) as value
+                ):
+                    self.values[name] = self.truth(value)
                 case ast.Assign(targets=[ast.Name(id=name)]):
                     self.values[name] = self.number(statement.value)
                 case ast.Assign(targets=[ast.Subscript() as element]):
@@ -131,6 +135,8 @@ class _Writer:
                 return found
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 return b.not_(self.truth(operand))
+            case ast.Name(id=name) if name in self.values:
+                return self.values[name]
             case ast.Constant(value=bool() as value):
                 return ir.Constant(ir.IntType(1), int(value))
             case _:

@@ -23,7 +23,12 @@ NUMBERS = st.sampled_from(["x[0]", "x[1]", "x[2]", "2", "0.5", "-3", "1.25e-3", 
 def grown(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
     """Expressions of expressions."""
     tests = st.builds("({} {} {})".format, inner, st.sampled_from(["<", "<=", ">", ">=", "==", "!="]), inner)
-    truths = tests | st.builds("({} and {})".format, tests, tests) | st.builds("({} or not {})".format, tests, tests)
+    truths = (
+        st.just("c")
+        | tests
+        | st.builds("({} and {})".format, tests, tests)
+        | st.builds("({} or not {})".format, tests, tests)
+    )
     return st.one_of(
         st.builds("({} {} {})".format, inner, st.sampled_from(["+", "-", "*"]), inner),
         st.builds("({} / (1 + {}**2))".format, inner, inner),
@@ -59,7 +64,7 @@ def compiled(folder, body: str):
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.recursive(NUMBERS, grown, max_leaves=12), min_size=1, max_size=12))
 def test_every_expression_is_what_python_makes_of_it(tmp_path_factory, expressions):
-    body = ["t = x[0] * x[1] - 1"]
+    body = ["t = x[0] * x[1] - 1", "c = x[0] > 0.0 or t == 3"]
     body += [f"out[{i}] = {expression}" for i, expression in enumerate(expressions)]
     python, outer = compiled(tmp_path_factory.mktemp("lines"), "\n".join(body))
     for x in ([0.3, -1.2, 2.5], [0.0, 0.0, 1.0], [-2.0, 4.0, -2.0]):
