@@ -55,8 +55,8 @@ def main() -> None:
     )
     rng = np.random.default_rng(0)
     for system, law in CASES.items():
-        of, own = SYSTEMS[system](), law_named(law, "law")
-        kernels = Kernels(Mechanism(of, own, tuple(effects_for(of, own))))
+        plain = Mechanism(SYSTEMS[system](), law_named(law, "law"))
+        kernels = Kernels(Mechanism(plain.system, plain.law, tuple(effects_for(plain.system, plain.law))))
         _ = kernels.sensitivity  # derives and writes the source
         path = cache_folder() / f"{kernels.key}_sensitivity.py"
         text = path.read_text()
