@@ -27,7 +27,7 @@ from ..physics.mechanism import Mechanism
 
 log = logging.getLogger(__name__)
 
-VERSION = 4
+VERSION = 4  # of this generator and of straight_line, which compiled code in the cache is made by
 _LOADING = RLock()  # a module that another thread is still loading lacks its functions
 
 _HEADER = '''"""{title}"""
