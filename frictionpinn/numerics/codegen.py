@@ -8,7 +8,7 @@ import logging
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -24,6 +24,7 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from ..physics import CONTACT
 from ..physics.mechanism import Mechanism
+from .partial import Partials
 
 log = logging.getLogger(__name__)
 
@@ -64,26 +65,33 @@ class _Printer(PythonCodePrinter):
         return f"(1.0 if ({x}) > 0.0 else (-1.0 if ({x}) < 0.0 else 0.0))"
 
 
-def _split_powers(expr: sp.Expr) -> sp.Expr:
-    """Write b^(e + n) as b^e b^n, so that a power and its derivative share one evaluation."""
+def _localised(expressions: Sequence[sp.Expr], local: Mapping[sp.Symbol, sp.Symbol]) -> list[sp.Expr]:
+    """Expressions in these symbols, b^(e + n) written as b^e b^n, so that a power and its derivative share one
+    evaluation; what they share is rewritten once."""
+    made: dict[sp.Basic, sp.Basic] = dict(local)
 
-    def split(power: sp.Pow) -> sp.Expr:
-        number, rest = power.exp.as_coeff_Add()
-        return sp.Pow(power.base, rest, evaluate=False) * sp.Pow(power.base, number)
+    def written(expr: sp.Basic) -> sp.Basic:
+        if expr not in made:
+            new = expr.func(*map(written, expr.args)) if expr.args else expr
+            if new.is_Pow and new.exp.is_Add and (number := new.exp.as_coeff_Add()[0]).is_Integer:
+                new = sp.Pow(new.base, new.exp - number, evaluate=False) * sp.Pow(new.base, number)
+            made[expr] = new
+        return made[expr]
 
-    return expr.replace(lambda e: e.is_Pow and e.exp.is_Add and e.exp.as_coeff_Add()[0].is_Integer, split)
+    return [written(expr) for expr in expressions]
 
 
 def _function_source(name: str, expressions: list[sp.Expr], arguments: dict[sp.Symbol, str]) -> str:
     """Source of ``name(s, w, u, p, out)`` that writes every expression which is not identically zero."""
     local = {symbol: sp.Symbol(place.replace("[", "").rstrip("]"), real=True) for symbol, place in arguments.items()}
-    wanted = [(i, _split_powers(expr).xreplace(local)) for i, expr in enumerate(expressions) if expr != 0]
-    steps, results = sp.cse([expr for _, expr in wanted], symbols=sp.numbered_symbols("c"), optimizations=None)
+    wanted = [i for i, expr in enumerate(expressions) if expr != 0]
+    written = _localised([expressions[i] for i in wanted], local)
+    steps, results = sp.cse(written, symbols=sp.numbered_symbols("c"), optimizations=None)
     used = set().union(*(e.free_symbols for _, e in steps), *(e.free_symbols for e in results))
     printer = _Printer()
     lines = [f"{short.name} = {arguments[symbol]}" for symbol, short in local.items() if short in used]
     lines += [f"{symbol.name} = {printer.doprint(expr)}" for symbol, expr in steps]
-    lines += [f"out[{i}] = {printer.doprint(expr)}" for (i, _), expr in zip(wanted, results, strict=True)]
+    lines += [f"out[{i}] = {printer.doprint(expr)}" for i, expr in zip(wanted, results, strict=True)]
     return _FUNCTION.format(name=name, body="\n".join("    " + line for line in lines or ["pass"]))
 
 
@@ -228,8 +236,13 @@ class Kernels:
         """Hash that names the files."""
         return equations_key(sp.srepr((*self.mechanism.residuals, *self._outputs)) + repr(self.symbols))
 
-    def _derivatives(self, expressions, symbols: list[sp.Symbol]) -> list[sp.Expr]:
-        return [sp.diff(expr, symbol) for expr in expressions for symbol in symbols]
+    @cached_property
+    def _partials(self) -> Partials:
+        return Partials()
+
+    def _derivatives(self, expressions: Sequence[sp.Expr], symbols: list[sp.Symbol]) -> list[sp.Expr]:
+        by_symbol = [self._partials(expressions, symbol) for symbol in symbols]
+        return [own[k] for k in range(len(expressions)) for own in by_symbol]
 
     def _source(self, functions: dict[str, list[sp.Expr]]) -> str:
         return module_source(self.mechanism.name, functions, self._arguments)
