@@ -175,10 +175,7 @@ def judged(
             refused += [Refused(candidate, "held-out trials cannot be simulated with it") for candidate in failed]
             out |= {candidate.name for candidate in failed}
             continue
-        best = min(near, key=lambda c: c.cost)
-        level = [c for c in near if c.cost < best.cost + settings.tied]
-        winner = min(level, key=lambda c: (c.candidate.usual, min(c.fit.values[n] for n in c.tested.step) < 0))
-        rivals = [c for c in near if c is not winner and c.cost < best.cost + settings.told_apart]
+        winner, rivals = _preferred(near, settings)
         held: float | None = None
         if reference is not None and (there := winner.surprise) is not None:
             # Either will do: a law with memory may be bent to the fitted trials, and what vanished is open to anything.
@@ -190,6 +187,24 @@ def judged(
         refused.append(Refused(winner.candidate, why))
         out.add(winner.candidate.name)
     return None, [], refused
+
+
+def in_place(
+    bench: Bench, names: Sequence[str], own: Contender, others: Sequence[Tested], settings: Settings
+) -> tuple[Contender, list[Contender]]:
+    """An effect of a model, or the candidate that explains more in its place, and the rivals of which the evidence is
+    about as good; ``names`` are the parameters that are estimated beside it."""
+    found = _lowest([own, *_imitations(bench, names, [(own, t) for t in others])])
+    near = _checked(bench, [c for c in found if c.fit.cost < found[0].fit.cost + settings.told_apart])
+    return _preferred([c for c in near if c.surprise is not None] or near, settings)
+
+
+def _preferred(near: Sequence[Contender], settings: Settings) -> tuple[Contender, list[Contender]]:
+    """The contender of the best evidence, the most usual of those that tie, and those that are not told from it."""
+    best = min(c.cost for c in near)
+    level = [c for c in near if c.cost < best + settings.tied]
+    winner = min(level, key=lambda c: (c.candidate.usual, min(c.fit.values[n] for n in c.tested.step) < 0))
+    return winner, [c for c in near if c is not winner and c.cost < best + settings.told_apart]
 
 
 def explains_less(c: Contender, winner: Contender) -> Refused:
@@ -239,18 +254,18 @@ def _as_near(
             for like in [c for c in near if c.candidate.name in members][:1]:
                 worse = like.fit.cost + settings.tied
                 pairs |= {n: (like, t) for n, t in members.items() if costs.get(n, np.inf) > worse}
-        found = _lowest([*found, *_imitations(bench, before, list(pairs.values()))])
+        found = _lowest([*found, *_imitations(bench, before.names, list(pairs.values()))])
         if found[0].fit.cost > head.fit.cost - settings.tied:
             return found
 
 
-def _imitations(bench: Bench, before: Fit, pairs: Sequence[tuple[Contender, Tested]]) -> list[Contender]:
+def _imitations(bench: Bench, names: Sequence[str], pairs: Sequence[tuple[Contender, Tested]]) -> list[Contender]:
     """Candidates fitted from where their motion is nearest to that of a contender."""
 
     def refit(k: int) -> Fit | None:
         head, own = pairs[k]
-        names = (*before.names, *own.candidate.strengths, *own.candidate.hidden)
-        return bench.imitated(head.fit, names, exchanged(head, own), reach(own))
+        every = dict.fromkeys((*names, *own.candidate.strengths, *own.candidate.hidden))
+        return bench.imitated(head.fit, tuple(every), exchanged(head, own), reach(own))
 
     made = in_parallel(refit, [1.0] * len(pairs), "effects that look alike fitted")
     return [Contender(t, fit) for (_, t), fit in zip(pairs, made, strict=True)

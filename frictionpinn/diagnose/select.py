@@ -12,7 +12,7 @@ from ..physics.remainder import Remainder
 from ..progress import Steps
 from .bench import Bench
 from .candidates import Candidate, impossible
-from .contenders import Contender, Refused, Settings, explains_less, judged, needed, refitted
+from .contenders import Contender, Refused, Settings, explains_less, in_place, judged, needed, refitted
 from .fit import Fit
 from .scan import Scanned, Tested, scan
 
@@ -26,13 +26,17 @@ class Accepted:
     Attributes:
         candidate, tested: what was found.
         evidence: statistic, log10_p, gain on the fitted and on the held-out trials.
+        fit: the model when it was added.
         alike: candidates that explain the same data as well, with the strengths that they would have.
+        others: what might have been added in its place.
     """
 
     candidate: Candidate
     tested: Tested
     evidence: dict[str, float]
+    fit: Fit
     alike: tuple[tuple[Candidate, dict[str, float]], ...] = ()
+    others: tuple[Accepted, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -49,7 +53,6 @@ class Selection:
         first, last: what the score tests at the declared and at the last model found.
         accepted: effects in the order in which they came.
         refused: name -> candidate with the last reason why it was not added.
-        fits: name of the effect that was added last -> the fit then.
     """
 
     base: Fit
@@ -58,12 +61,6 @@ class Selection:
     last: Scanned
     accepted: list[Accepted] = field(default_factory=list)
     refused: dict[str, Refused] = field(default_factory=dict)
-    fits: dict[str, Fit] = field(default_factory=dict)
-
-    @property
-    def path(self) -> list[Fit]:
-        """The fits after each effect but the last, in the order in which they came."""
-        return [self.fits[a.candidate.name] for a in self.accepted[:-1]]
 
 
 def select(
@@ -85,7 +82,8 @@ def select(
     5. Where the winner has led to a minimum that is lower without it, too, all are tested anew there. Else it is kept
        if fitted and held-out trials both speak for it and a mechanism can have it; what it makes superfluous is taken
        out. Rivals of which its evidence does not tell it for certain, and that have nothing left to explain beside it,
-       are reported as alike; and again from 2.
+       are reported as alike. Those that came before it are judged anew beside it, by the same evidence: what each was
+       told from may explain as much now, or more. And again from 2.
     6. What is left is judged by :func:`frictionpinn.diagnose.verdict.judge`.
 
     Args:
@@ -117,26 +115,28 @@ def select(
                 asked += [(t, group) for t, group in heads if t.candidate.name not in known]
         if not asked:
             break
-        winner, rivals, refused = judged(bench, before, refitted(bench, before, asked, settings), asked, settings)
+        found = refitted(bench, before, asked, settings)
+        winner, rivals, refused = judged(bench, before, found, asked, settings)
         lower = None if winner is None else _without(bench, winner.fit, winner.candidate)
         if lower is not None and lower.state.cost < before.state.cost - settings.told_apart:
             selection.fit, selection.last = lower, tested(lower, selection.accepted)
             if selection.accepted:
-                selection.fits[selection.accepted[-1].candidate.name] = lower
+                selection.accepted[-1] = replace(selection.accepted[-1], fit=lower)
             else:
                 selection.base = lower
             continue
         selection.refused |= {r.candidate.name: r for r in refused}
         if winner is None:
             break
-        saved = replace(selection, accepted=list(selection.accepted), fits=dict(selection.fits))
-        selection.accepted.append(Accepted(winner.candidate, winner.tested, _evidence(before, winner)))
+        saved = replace(selection, accepted=list(selection.accepted))
+        selection.accepted.append(_accepted(before, winner, found, asked))
         selection.fit = bench.settle(winner.fit)
         dropped = _drop(bench, selection, settings)
+        anew = _judged_anew(bench, options, selection, settings)
         selection.last = tested(selection.fit, selection.accepted)
         if why := _impossible(bench, selection):
             selection, dropped = saved, [Refused(winner.candidate, why)]
-        elif selection.accepted and (own := selection.accepted[-1]).candidate is winner.candidate:
+        elif not anew and selection.accepted and (own := selection.accepted[-1]).candidate is winner.candidate:
             beside = {t.candidate.name for t in selection.last.tested if t.log_p < chance}
             dropped += [explains_less(c, winner) for c in rivals if c.candidate.name in beside]
             alike = [c for c in rivals if c.candidate.name not in beside]
@@ -144,7 +144,7 @@ def select(
         selection.refused |= {r.candidate.name: r for r in dropped}
         banned |= {r.candidate.name for r in dropped}
         if selection.accepted:
-            selection.fits[selection.accepted[-1].candidate.name] = selection.fit
+            selection.accepted[-1] = replace(selection.accepted[-1], fit=selection.fit)
         rounds.finish(f"  added so far: {', '.join(a.candidate.name for a in selection.accepted) or 'nothing'}")
     return selection
 
@@ -186,6 +186,40 @@ def _evidence(before: Fit, winner: Contender) -> dict[str, float]:
         "gain_fitted": before.state.cost - winner.fit.state.cost,
     }  # fmt: skip
     return evidence if winner.gain is None else evidence | {"gain_held_out": winner.gain}
+
+
+def _accepted(
+    before: Fit, winner: Contender, found: Sequence[Contender], asked: Sequence[tuple[Tested, list[Tested]]]
+) -> Accepted:
+    """The winner as it is added, with what else was asked: as it was fitted, or else as the winner, its like."""
+    fits = {c.candidate.name: c.fit for c in found}
+    tests = {t.candidate.name: t for head, group in asked[::-1] for t in (head, *group)}
+    made = [Contender(t, fits.get(name, winner.fit)) for name, t in tests.items() if name != winner.candidate.name]
+    others = tuple(Accepted(c.candidate, c.tested, _evidence(before, c), c.fit) for c in made)
+    return Accepted(winner.candidate, winner.tested, _evidence(before, winner), winner.fit, others=others)
+
+
+def _judged_anew(bench: Bench, options: Sequence[Candidate], selection: Selection, settings: Settings) -> bool:
+    """Judge every effect, and what was asked for in its place, beside those that came later; and where that exchanges
+    one, the last as well, which was judged beside what is gone. Whether it does."""
+    exchanged = False
+    for k, a in enumerate(selection.accepted):
+        if k == len(selection.accepted) - 1 and not exchanged:
+            break
+        beside = [b for b in selection.accepted if b.candidate is not a.candidate]
+        there = {b.candidate.name for b in beside}
+        known = [o.tested for o in a.others if o.candidate.name in there]  # what acts as these has nothing to explain
+        others = {o.candidate.name: o for o in a.others if all(_cosine(o.tested, t) < ALIKE for t in known)}
+        least = settings.promise * a.tested.statistic  # what explained less then explains no more now
+        tests = [o.tested for name, o in others.items() if name not in there and o.tested.statistic >= least]
+        kept = {name for b in beside for name in b.names}
+        names = [name for name in selection.fit.names if name in kept or name not in a.names]
+        winner, rivals = in_place(bench, names, Contender(a.tested, selection.fit), tests, settings)
+        if winner.candidate is not a.candidate:
+            selection.fit, chosen, exchanged = bench.settle(winner.fit), others[winner.candidate.name], True
+            a = replace(chosen, others=tuple(o for o in (a, *a.others) if o is not chosen))
+        selection.accepted[k] = replace(a, alike=_alike(bench, options, winner, rivals))
+    return exchanged
 
 
 def _alike(

@@ -80,7 +80,7 @@ def judge(
         covered: samples of every remainder's variable, shape (n,) each.
         forces: friction force at its contact at the same samples, see :meth:`Bench.forces`.
     """
-    path = [selection.base, *selection.path, selection.fit]
+    path = [selection.base, *(a.fit for a in selection.accepted)]
     judged = [check(bench, fit) for fit in path]
     fits = [fit for fit in judged if fit is not None]
     scored = "held-out trials"

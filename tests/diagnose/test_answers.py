@@ -116,10 +116,26 @@ def test_an_effect_that_is_not_needed_beside_another_is_taken_out():
     drag = next(t for t in d.selection.first.tested if t.candidate.effect == "drag")
     both = bench.refit(fit, (*fit.names, "drag"), fit.values | {"drag": 0.5})
     selection = Selection(bench.base, both, d.selection.first, d.selection.last)
-    selection.accepted = [Accepted(drag.candidate, drag, {}), found]
+    selection.accepted = [Accepted(drag.candidate, drag, {}, both), found]
     selecting._drop(bench, selection, Settings())
     assert [a.candidate.effect for a in selection.accepted] == ["constant_force"]
     assert selection.fit.values["drag"] == 0.0 and "drag" not in selection.fit.names
+
+
+def test_an_effect_that_stood_for_another_gives_way_to_it_once_what_was_missing_beside_both_is_there():
+    d = diagnosed("drive", PUSHED, ("constant_force",), effects=["constant_force", "spring_force", "drag"])
+    bench, first = d.bench, {t.candidate.effect: t for t in d.selection.first.tested}
+    spring, drag = first["spring_force"], first["drag"]
+    names = (*bench.base.names, *spring.candidate.strengths, *spring.candidate.hidden, "drag")
+    both = bench.refit(bench.base, names, bench.base.values | spring.step | spring.shape | {"drag": 0.5})
+    selection = Selection(bench.base, both, d.selection.first, d.selection.last)
+    constant, later = (Accepted(t.candidate, t, {}, both) for t in (first["constant_force"], drag))
+    selection.accepted = [Accepted(spring.candidate, spring, {}, both, others=(constant,)), later]
+    assert selecting._judged_anew(bench, [], selection, Settings())
+    assert [a.candidate.effect for a in selection.accepted] == ["constant_force", "drag"]
+    assert [a.candidate.effect for a in selection.accepted[0].others] == ["spring_force"]
+    assert selection.fit.values["constant_force"] == pytest.approx(d.values["constant_force"], rel=0.05)
+    assert "spring_stiffness" not in selection.fit.names
 
 
 def test_one_thread_and_several_find_the_same(heavy, monkeypatch):
