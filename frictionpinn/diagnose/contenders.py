@@ -28,6 +28,8 @@ class Settings:
         most: effects that are added at most, a budget.
         refits: candidates that are refitted after each kind of score test, a budget.
         promise: share of the gain that a score test promises, below which a refit shows that it is not linear there.
+        instead: share of the statistic of an effect that was added, below which another one is not tried in its place
+            later: a budget.
         told_apart: evidence, in log-likelihood, from which one model is better than another for certain: 400 to 1.
         tied: evidence below which the more usual effect stands first: less than 3 to 1.
         gain: log-likelihood that the held-out trials must gain: they may not speak against a model by 3 to 1. A true
@@ -40,6 +42,7 @@ class Settings:
     most: int = 4
     refits: int = 5
     promise: float = 0.5
+    instead: float = 0.5
     told_apart: float = 6.0
     tied: float = 1.0
     gain: float = -1.0

@@ -210,7 +210,7 @@ def _judged_anew(bench: Bench, options: Sequence[Candidate], selection: Selectio
         there = {b.candidate.name for b in beside}
         known = [o.tested for o in a.others if o.candidate.name in there]  # what acts as these has nothing to explain
         others = {o.candidate.name: o for o in a.others if all(_cosine(o.tested, t) < ALIKE for t in known)}
-        least = settings.promise * a.tested.statistic  # what explained less then explains no more now
+        least = settings.instead * a.tested.statistic
         tests = [o.tested for name, o in others.items() if name not in there and o.tested.statistic >= least]
         kept = {name for b in beside for name in b.names}
         names = [name for name in selection.fit.names if name in kept or name not in a.names]
