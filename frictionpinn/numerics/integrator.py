@@ -176,7 +176,7 @@ def step(kernel, a, c, coefficients, k, offset, h, p, m, atol, tolerance, s0, st
 
 
 @njit(**INLINED)
-def error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, largest):
+def error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, places, largest):
     """Largest embedded error estimate among the components of the state, in units of the tolerance."""
     worst = 0.0
     for d in range(s.shape[0]):
@@ -185,7 +185,7 @@ def error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, largest):
             total += error[j] * (stages_v[j, d] if d < m else stages_w[j, d - m])
         size = max(abs(s0[d]), abs(s[d]))
         if d >= 2 * m:
-            size = max(size, largest[d - 2 * m])
+            size = max(size, largest[places[d - 2 * m]])
         worst = max(worst, abs(h * total) / (atol[d] + rtol * size))
     return worst
 
@@ -274,7 +274,7 @@ def integrate(
             )
             size = 0.0
             if status == OK and not replaying:
-                size = error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, largest)
+                size = error_size(stages_w, stages_v, error, h, m, s0, s, atol, rtol, places, largest)
             attempts += 1
             if status != OK or not size <= 1.0:
                 if replaying or h < SMALLEST * interval or attempts > ATTEMPTS:
@@ -286,9 +286,7 @@ def integrate(
             copy_to(stages_w[stages - 1], first)
             copy_to(s, s0)
             for d in range(2 * m, n_s):
-                for e in range(n_s - 2 * m):
-                    if places[e] == places[d - 2 * m]:
-                        largest[e] = max(largest[e], abs(s[d]))
+                largest[places[d - 2 * m]] = max(largest[places[d - 2 * m]], abs(s[d]))
             h_next = next_size(h, size, order)
             offset = interval if offset + h >= interval * (1.0 - 1e-12) else offset + h
         copy_to(s0, states[k + 1])
