@@ -28,7 +28,7 @@ from .partial import Partials
 
 log = logging.getLogger(__name__)
 
-VERSION = 4  # of this generator and of straight_line, which compiled code in the cache is made by
+VERSION = 5  # of this generator and of straight_line, which compiled code in the cache is made by
 _LOADING = RLock()  # a module that another thread is still loading lacks its functions
 
 _HEADER = '''"""{title}"""
@@ -50,7 +50,7 @@ def _{name}(s, w, u, p, out):
 {body}
 
 
-@njit(SIGNATURE, cache=True, fastmath=False, error_model="numpy", nogil=True)
+@njit(SIGNATURE, cache=True, fastmath=False, error_model="numpy", nogil=True, no_cpython_wrapper=True)
 def {name}(s, w, u, p, out):
     _{name}(s, w, u, p, out)
 """
