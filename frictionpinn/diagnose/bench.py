@@ -56,7 +56,7 @@ class Bench:
     ):
         self.mechanism, self.tested = mechanism, tested
         self.problem, self.estimate, self.options = fit_declared(mechanism, fitted, start, options)
-        self.simulator, self.probe = Simulator(tested), Simulator(probed)
+        self.simulator, self.probe = Simulator(tested, as_shown=True), Simulator(probed, as_shown=True)
         self.defaults = {par.name: par.value for par in tested.parameters} | tested.system.values
         self.declared = tuple(self.problem.names)
         self.held_out = held_out
@@ -115,7 +115,7 @@ class Bench:
         with self._making:
             if key not in self._made:
                 try:
-                    self._made[key] = Part(Mechanism(self.tested.system, self.tested.law, effects))
+                    self._made[key] = Part(Mechanism(self.tested.system, self.tested.law, effects), as_shown=True)
                 except UserError:
                     self._made[key] = self.simulator
             return self._made[key]

@@ -75,7 +75,7 @@ class Problem:
         windows: float | None = None,
         loss: str = "auto",
     ):
-        self.mechanism, self.simulator, self.recording = mechanism, Simulator(mechanism), recording
+        self.mechanism, self.simulator, self.recording = mechanism, Simulator(mechanism, as_shown=True), recording
         self.loss = choose_loss(loss, mechanism)
         self.coarse_loss = LOSSES["gaussian"] if loss == "auto" else self.loss  # jumps do not make outliers there
         self.joint = choose(inputs, {"joint": True, "fixed": False}, "inputs")

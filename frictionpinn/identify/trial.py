@@ -160,20 +160,21 @@ class TrialModel:
         return np.stack([run.F if key == "F" else run.signals[key] for key in self.outputs.values()])
 
     def jumps(
-        self, run: Simulation, count: int, r: np.ndarray, scale: np.ndarray
+        self, run: Simulation, p: Mapping[str, float], names: Sequence[str], r: np.ndarray, scale: np.ndarray
     ) -> tuple[tuple[Jump, ...], np.ndarray]:
         """Where the measured accelerations jump in a simulation, and which samples are beside, shape (n_out, n), bool.
 
-        A body stops when its velocity comes to zero: the time of that changes by -dv / a. None with a bristle, whose
-        force does not jump.
+        A body stops when its velocity comes to zero: the time of that changes by -dv / a. None where a bristle acts,
+        whose force does not jump.
 
         Args:
-            run, count: with sensitivities, of which so many are in parameters, the others in the local unknowns.
+            run: with sensitivities to ``names`` of parameters, then to the local unknowns.
+            p: all parameters, SI units.
             r, scale: residuals over the noise, shape (n_out, n), and its standard deviations, shape (n_out,).
         """
         found: list[Jump] = []
         near, rows = np.zeros(r.shape, bool), {name: row for row, name in enumerate(self.outputs)}
-        motions = () if self.simulator.bristles else self.simulator.mechanism.free
+        motions = self.simulator.mechanism.free if self.simulator.mechanism.jumps(p, names) else ()
         for _, velocity, signal in (c.signals for c in motions):
             if (row := rows.get(signal)) is None:
                 continue
@@ -181,7 +182,7 @@ class TrialModel:
             for k, moves in jumps_at_rest(self.t, run.signals[velocity], a, scale[row]):
                 near[row, max(k + 1 - BESIDE, 0) : k + 1 + BESIDE] = True
                 per_sample = a[moves] * (self.t[k + 1] - self.t[k])
-                slopes = -run.sensitivities[velocity][moves, count:] / per_sample
+                slopes = -run.sensitivities[velocity][moves, len(names) :] / per_sample
                 found.append(Jump(a / scale[row], r[row], k, slopes))
         return tuple(found), near
 
@@ -242,7 +243,7 @@ class TrialModel:
             rows = measured.sum(), (seen**2).sum(), (seen[:, 1:] * seen[:, :-1]).sum()
             H, gradient = gram(J.reshape(-1, n_g + n_l), (r * scale[:, None]).reshape(-1), weight.reshape(-1))
             ll, grad_l = H[n_g:, n_g:].copy(), gradient[n_g:].copy()
-            jumps, near = ((), measured) if half else self.jumps(run, n_g, r, scale)
+            jumps, near = ((), measured) if half else self.jumps(run, p, names, r, scale)
             steep, pull = (J[near][:, n_g:] * np.sqrt(weight[near])[:, None], seen[near]) if jumps else (None, None)
         for z in self.simulator.bristles:  # held within what friction can be: where the body slides no signal sees it
             if z not in self.states:

@@ -13,6 +13,7 @@ from .jumps import times_at_rest
 from .paths import DEGREE, Directions, InputPath
 
 Signals = dict[str, np.ndarray]
+Delays = Mapping[str, Mapping[str, float]]  # see Mechanism.delays
 
 
 class Drive:
@@ -21,9 +22,9 @@ class Drive:
     No direction changes a clock, and so directions have columns for the recorded inputs alone.
     """
 
-    def __init__(self, mechanism: Mechanism, parameters: tuple[str, ...]):
+    def __init__(self, mechanism: Mechanism, parameters: tuple[str, ...], delays: Delays):
         names = mechanism.input_signals
-        late = {name: terms for name, terms in mechanism.delays.items() if name not in mechanism.predictions}
+        late = {name: terms for name, terms in delays.items() if name not in mechanism.predictions}
         self.delays = {names.index(name): _weights(terms, parameters) for name, terms in late.items()}
         self.clocks = mechanism.clocks
         self.parameters = {name: parameters.index(name) for terms in late.values() for name in terms}
@@ -80,13 +81,14 @@ class Sensors:
     Only signals whose sensor an effect changes are touched, and the force of a massless system added.
     """
 
-    def __init__(self, mechanism: Mechanism, parameters: tuple[str, ...]):
+    def __init__(self, mechanism: Mechanism, parameters: tuple[str, ...], delays: Delays):
         self.parameters = parameters
         predictions = mechanism.predictions if mechanism.effects else {}
         self.slopes = {c.signals[i]: c.signals[i + 1] for c in mechanism.free for i in (0, 1)}
+        self.jumps = mechanism.jumps
         # Without memory a friction force jumps where a body stops, and the acceleration with it.
-        self.jumping = {} if mechanism.bristles else {c.signals[2]: c.signals[1] for c in mechanism.free}
-        self.delays = {k: _weights(terms, parameters) for k, terms in mechanism.delays.items() if k in predictions}
+        self.jumping = {c.signals[2]: c.signals[1] for c in mechanism.free}
+        self.delays = {k: _weights(terms, parameters) for k, terms in delays.items() if k in predictions}
         symbols = [par.symbol for par in mechanism.parameters]
         self.shown: dict[str, Callable] = {}
         self.partial: dict[str, tuple[tuple[str, ...], Callable]] = {}
@@ -151,7 +153,8 @@ class Sensors:
         if name not in self.delays:
             return y, np.zeros_like(y)
         delay = float(self.delays[name] @ p)
-        jumps = times_at_rest(t, truth[self.jumping[name]], truth[name]) if name in self.jumping else ()
+        velocity = self.jumping.get(name) if self.jumps(dict(zip(self.parameters, p, strict=True))) else None
+        jumps = () if velocity is None else times_at_rest(t, truth[velocity], truth[name])
         slope = signals[self.slopes[name]] if name in self.slopes else slopes(t, y, jumps)
         return shift_samples(t, y, slope, delay, jumps) if delay else (y, -slope)
 

@@ -33,23 +33,26 @@ class Simulator:
     sample. So the bristle's rate in sliding (2e4 1/s) does not limit the step, and the normal force may depend on
     the accelerations sought. A mechanism's first use on a machine compiles its equations (about a second).
     ``outside`` holds the parameters that act elsewhere than in the equations: in a sensor, or by the delay of an input.
+    With ``as_shown`` the motion is told at the times at which sensors show it: where all of them are late alike, the
+    inputs act late instead, so that no prediction is read between samples, where an acceleration may jump.
 
     Source: Kvaerno, Singly diagonally implicit Runge-Kutta methods with an explicit first stage, BIT 44 (2004).
     """
 
-    def __init__(self, mechanism: Mechanism):
-        self.mechanism = mechanism
+    def __init__(self, mechanism: Mechanism, as_shown: bool = False):
+        self.mechanism, self.as_shown = mechanism, as_shown
         self.kernels = Kernels(mechanism)
         self.parameter_names = tuple(par.name for par in mechanism.parameters)
         self._defaults = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values
-        self._drive = Drive(mechanism, self.parameter_names)
-        self._sensors = Sensors(mechanism, self.parameter_names)
+        delays = mechanism.delays_of_inputs if as_shown else mechanism.delays
+        self._drive = Drive(mechanism, self.parameter_names, delays)
+        self._sensors = Sensors(mechanism, self.parameter_names, delays)
         free, self.bristles = mechanism.free, tuple(contact.z.name for contact in mechanism.bristles)
         self.outside = frozenset({*self._drive.parameters, *self._sensors.own})
         self.state_names = (*(c.signals[0] for c in free), *(c.signals[1] for c in free), *self.bristles)
 
     def __reduce__(self):
-        return Simulator, (self.mechanism,)  # compiled code is loaded anew in the other process
+        return type(self), (self.mechanism, self.as_shown)  # compiled code is loaded anew in the other process
 
     def parameters(self, p: Values) -> np.ndarray:
         """Return the parameter vector, shape (n_p,), SI units, in the order of ``parameter_names``.
@@ -297,6 +300,3 @@ class Part(Simulator):
     def parameters(self, p: Values) -> np.ndarray:
         """See :meth:`Simulator.parameters`; names of other parameters are passed over."""
         return self._vector(p) if isinstance(p, Mapping) else super().parameters(p)
-
-    def __reduce__(self):
-        return Part, (self.mechanism,)

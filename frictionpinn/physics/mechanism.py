@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Real
@@ -156,6 +156,19 @@ class Mechanism(Shown):
         return bool(self.bristles)
 
     @cached_property
+    def _switches(self) -> dict[str, float]:
+        """Strengths of the effects that bring a bristle, with the values at which it carries nothing."""
+        table = [par for e in self.effects if e.memory for par in e.parameters_on(self.system, self.law)]
+        return {par.name: par.neutral for par in table if par.neutral is not None}
+
+    def jumps(self, values: Mapping[str, float], free: Collection[str] = ()) -> bool:
+        """Whether friction jumps where a body stops: no bristle carries anything at these values of parameters, SI
+        units, none of which is ``free``."""
+        if any(contact.law.memory for contact in self.contacts):
+            return False
+        return all(name not in free and values.get(name, off) == off for name, off in self._switches.items())
+
+    @cached_property
     def states(self) -> tuple[State, ...]:
         """Further states, of effects, contact by contact."""
         return tuple(state for contact in self.contacts for state in contact.states)
@@ -240,6 +253,17 @@ class Mechanism(Shown):
             for name, terms in effect.delays(self.system, self.law).items():
                 result[name] = result.get(name, {}) | terms
         return result
+
+    @property
+    def delays_of_inputs(self) -> dict[str, dict[str, float]]:
+        """The same delays on the clock of the sensors: what makes all predictions late lets all inputs act late."""
+        result = self.delays
+        late = dict(set.intersection(*(set(result.get(name, {}).items()) for name in self.predictions)))
+        for name in self.predictions if late else ():
+            result[name] = {parameter: sign for parameter, sign in result[name].items() if parameter not in late}
+        for name in self.input_signals if late else ():
+            result[name] = late | result.get(name, {})
+        return {name: terms for name, terms in result.items() if terms}
 
     @cached_property
     def clocks(self) -> tuple[sp.Symbol, ...]:

@@ -125,6 +125,23 @@ def test_a_late_sensor_shows_the_past():
         np.testing.assert_allclose(found.signals[name][steps:], true[:-steps], atol=1e-9 * np.abs(true).max())
 
 
+def test_told_as_sensors_show_it_a_motion_that_all_of_them_show_late_is_that_of_late_inputs():
+    mechanism, law = (
+        Mechanism(SYSTEMS["drive"](), LAWS["coulomb_viscous"](), ("sensor_delay", "delay")),
+        "coulomb_viscous",
+    )
+    sim = Simulator(mechanism, as_shown=True)
+    late, acts_late = (
+        sim.simulate(T, path(mechanism), law_values(law) | {name: 0.0123}, sensitivities=[name, "mu_c"])
+        for name in ("sensor_delay_x_v_a", "delay_force")
+    )
+    for name in ("x", "v", "a"):
+        np.testing.assert_array_equal(late.signals[name], acts_late.signals[name])
+        np.testing.assert_array_equal(late.sensitivities[name], acts_late.sensitivities[name])
+    one = sim.simulate(T, path(mechanism), law_values(law) | {"sensor_delay_x": 0.01})  # the others show it at once
+    np.testing.assert_allclose(one.signals["x"][4:], one.q[:-4, 0], atol=1e-9 * np.abs(one.q).max())
+
+
 def test_a_late_sensor_of_a_driven_coordinate_means_that_the_truth_is_ahead():
     found, _ = with_effect("pob", "lugre", "sensor_delay", sensor_delay_theta_omega_alpha=0.005)
     ahead = {"theta": PATHS["pob"]["theta"].subs(TIME, TIME + sp.Rational(5, 1000))}
@@ -235,3 +252,13 @@ def test_shifted_samples_and_paths_agree_with_the_shifted_function(shift):
     grid = np.linspace(0.05, 0.95, 97)
     found = np.array([late(moment)[0] for moment in grid])
     np.testing.assert_allclose(found, np.sin(9 * (grid - shift)), atol=1e-10)
+
+
+def test_friction_jumps_at_a_stop_unless_a_bristle_acts():
+    system, plain_law, lugre = SYSTEMS["drive"](), LAWS["coulomb_viscous"](), LAWS["lugre"]()
+    with_presliding = Mechanism(system, plain_law, ("presliding",))
+    assert Mechanism(system, plain_law).jumps({})
+    assert not Mechanism(system, lugre).jumps({})
+    assert with_presliding.jumps({"presliding": 0.0})
+    assert not with_presliding.jumps({"presliding": 0.5})
+    assert not with_presliding.jumps({"presliding": 0.0}, free=("presliding",))
