@@ -256,8 +256,13 @@ class Mechanism(Shown):
 
     @property
     def delays_of_inputs(self) -> dict[str, dict[str, float]]:
-        """The same delays on the clock of the sensors: what makes all predictions late lets all inputs act late."""
+        """The same delays on the clock of the sensors: what makes all predictions late lets all inputs act late.
+
+        Not where the motion is imposed: the predicted force is smoother than the measured motion that would be shifted.
+        """
         result = self.delays
+        if self.system.massless:
+            return result
         late = dict(set.intersection(*(set(result.get(name, {}).items()) for name in self.predictions)))
         for name in self.predictions if late else ():
             result[name] = {parameter: sign for parameter, sign in result[name].items() if parameter not in late}
