@@ -21,7 +21,6 @@ from ..numerics.parallel import in_parallel
 from ..numerics.quadratic import moved, reduced
 from ..numerics.simulate import Part, Simulation, Simulator
 from ..physics.base import plain_name
-from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
 from ..physics.sizes import Sizes
 from .fit import Fit, fit_declared
@@ -61,7 +60,6 @@ class Bench:
         self.declared = tuple(self.problem.names)
         self.held_out = held_out
         self.widths = self.problem.resolutions
-        self._own = {e.name: e.parameters_on(tested.system, tested.law) for e in tested.effects}
         self._made: dict[tuple[str, ...], Simulator] = {}
         self._making = Lock()
 
@@ -104,18 +102,13 @@ class Bench:
         Those that bring a bristle are part of all: with one a trial has one unknown more. The whole mechanism where an
         effect cannot act without others that are switched off.
         """
-        free, declared = set(names), {e.name for e in self.mechanism.effects}
-
-        def acts(effect: Effect) -> bool:
-            own = [par for par in self._own[effect.name] if par.neutral is not None]
-            return any(par.name in free or values.get(par.name, par.neutral) != par.neutral for par in own)
-
-        effects = tuple(e for e in self.tested.effects if e.name in declared or e.memory or acts(e))
+        free, declared, tested = set(names), {e.name for e in self.mechanism.effects}, self.tested
+        effects = tuple(e for e in tested.effects if e.name in declared or e.memory or tested.acts(e, values, free))
         key = tuple(e.name for e in effects)
         with self._making:
             if key not in self._made:
                 try:
-                    self._made[key] = Part(Mechanism(self.tested.system, self.tested.law, effects), as_shown=True)
+                    self._made[key] = Part(Mechanism(tested.system, tested.law, effects), as_shown=True)
                 except UserError:
                     self._made[key] = self.simulator
             return self._made[key]

@@ -156,17 +156,20 @@ class Mechanism(Shown):
         return bool(self.bristles)
 
     @cached_property
-    def _switches(self) -> dict[str, float]:
-        """Strengths of the effects that bring a bristle, with the values at which it carries nothing."""
-        table = [par for e in self.effects if e.memory for par in e.parameters_on(self.system, self.law)]
-        return {par.name: par.neutral for par in table if par.neutral is not None}
+    def _neutral(self) -> dict[str, dict[str, float]]:
+        """Effect -> {strength: value at which it does nothing}."""
+        tables = {e.name: e.parameters_on(self.system, self.law) for e in self.effects}
+        return {name: {par.name: par.neutral for par in own if par.neutral is not None} for name, own in tables.items()}
+
+    def acts(self, effect: Effect, values: Mapping[str, float], free: Collection[str] = ()) -> bool:
+        """Whether these values of parameters, SI units, switch an effect on, or one of its strengths is ``free``."""
+        return any(name in free or values.get(name, off) != off for name, off in self._neutral[effect.name].items())
 
     def jumps(self, values: Mapping[str, float], free: Collection[str] = ()) -> bool:
-        """Whether friction jumps where a body stops: no bristle carries anything at these values of parameters, SI
-        units, none of which is ``free``."""
+        """Whether friction jumps where a body stops: there is no bristle, or only of effects that do not act."""
         if any(contact.law.memory for contact in self.contacts):
             return False
-        return all(name not in free and values.get(name, off) == off for name, off in self._switches.items())
+        return not any(e.memory and self.acts(e, values, free) for e in self.effects)
 
     @cached_property
     def states(self) -> tuple[State, ...]:

@@ -126,10 +126,8 @@ def test_a_late_sensor_shows_the_past():
 
 
 def test_told_as_sensors_show_it_a_motion_that_all_of_them_show_late_is_that_of_late_inputs():
-    mechanism, law = (
-        Mechanism(SYSTEMS["drive"](), LAWS["coulomb_viscous"](), ("sensor_delay", "delay")),
-        "coulomb_viscous",
-    )
+    law = "coulomb_viscous"
+    mechanism = Mechanism(SYSTEMS["drive"](), LAWS[law](), ("sensor_delay", "delay"))
     sim = Simulator(mechanism, as_shown=True)
     late, acts_late = (
         sim.simulate(T, path(mechanism), law_values(law) | {name: 0.0123}, sensitivities=[name, "mu_c"])
