@@ -221,22 +221,27 @@ class Bench:
         return None if there is None else self.refit(there, names, there.values, limits=limits)
 
     def _followed(self, fit: Fit, names: Sequence[str], values: Mapping[str, float]) -> Fit:
-        """The fit with each trial's own unknowns where its quadratic model has them at other values: a coupling begins
-        strained otherwise where a force goes from one of its masses to the other."""
+        """The fit with each trial's own unknowns where other values lead to a motion that is nearer to its own.
+
+        Either all begins as it did, bristles as far bent: so the same motion is found again where the values are of a
+        mechanism that moves alike. Or it begins where the quadratic model says: a coupling begins strained otherwise
+        where a force goes from one of its masses to the other.
+        """
         wider = tuple(dict.fromkeys((*fit.names, *names)))
         new = {par.name for par in self.tested.parameters if par.hidden and par.name in names} - {*fit.names}
         at = self._complete(fit.values | {name: values[name] for name in new})
         simulator = self.part(wider, at)
-        models = [replace(model, simulator=simulator) for model in fit.models]
+        models = self._simulated(fit, [replace(model, simulator=simulator) for model in fit.models])
         problem = self.problem_of(self.problem, wider, at, simulator)
-        u = problem.space.to_search(at)
+        evaluate, u, there = problem.evaluator(models, fit.sigmas), *map(problem.space.to_search, (at, values))
+        starts = [[model.bent(local, at, values) for model, local in zip(models, fit.locals, strict=True)]]
         try:
-            state = problem.evaluator(models, fit.sigmas)(u, fit.locals, True)
-            step = problem.space.to_search(values) - u
-            own = fit.locals if state is None else moved(state, step, problem.space.limits, longest=np.inf)[1]
+            if (state := evaluate(u, fit.locals, True)) is not None:
+                starts.append(moved(state, there - u, problem.space.limits, longest=np.inf)[1])
         except np.linalg.LinAlgError:  # derivatives that overflow
             return fit
-        return replace(fit, state=replace(fit.state, locals=tuple(own)))
+        near = [state for own in starts if (state := evaluate(there, own, False)) is not None]
+        return replace(fit, state=replace(fit.state, locals=min(near, key=lambda s: s.cost).locals)) if near else fit
 
     def afresh(self, fit: Fit, limits: Ranges | None = None) -> Fit:
         """The fit, or the lower one that the search finds with which the declared model's began: from its start with

@@ -255,7 +255,7 @@ def _as_near(
         pairs = dict[str, tuple[Contender, Tested]]()
         for members in classes:
             for like in [c for c in near if c.candidate.name in members][:1]:
-                worse = like.fit.cost + settings.tied
+                worse, like = like.fit.cost + settings.tied, replace(like, tested=members[like.candidate.name])
                 pairs |= {n: (like, t) for n, t in members.items() if costs.get(n, np.inf) > worse}
         found = _lowest([*found, *_imitations(bench, before.names, list(pairs.values()))])
         if found[0].fit.cost > head.fit.cost - settings.tied:

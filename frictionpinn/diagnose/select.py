@@ -191,12 +191,15 @@ def _evidence(before: Fit, winner: Contender) -> dict[str, float]:
 def _accepted(
     before: Fit, winner: Contender, found: Sequence[Contender], asked: Sequence[tuple[Tested, list[Tested]]]
 ) -> Accepted:
-    """The winner as it is added, with what else was asked: as it was fitted, or else as the winner, its like."""
+    """The winner as it is added, with what else was asked: as it was fitted, or else as the winner, its like. Of what
+    was tested twice the test at the sample is taken, for the winner too: statistics and steps of two resolutions do not
+    compare."""
     fits = {c.candidate.name: c.fit for c in found}
     tests = {t.candidate.name: t for head, group in asked[::-1] for t in (head, *group)}
     made = [Contender(t, fits.get(name, winner.fit)) for name, t in tests.items() if name != winner.candidate.name]
     others = tuple(Accepted(c.candidate, c.tested, _evidence(before, c), c.fit) for c in made)
-    return Accepted(winner.candidate, winner.tested, _evidence(before, winner), winner.fit, others=others)
+    name = winner.candidate.name
+    return Accepted(winner.candidate, tests[name], _evidence(before, winner), winner.fit, others=others)
 
 
 def _judged_anew(bench: Bench, options: Sequence[Candidate], selection: Selection, settings: Settings) -> bool:

@@ -110,6 +110,14 @@ class TrialModel:
                 y0[z] /= p[stiffness]
         return y0
 
+    def bent(self, local: np.ndarray, p: Mapping[str, float], new: Mapping[str, float]) -> np.ndarray:
+        """The local unknowns with which bristles are as far bent at the parameters ``new`` as they were at p."""
+        local = np.array(local, dtype=float)
+        for z, stiffness in self.bristles:
+            if z in self.states and stiffness in p:
+                local[self.states.index(z)] *= new[stiffness] / p[stiffness]
+        return local
+
     def in_equilibrium(self, p: Mapping[str, float]) -> TrialModel:
         """The model whose initial bristle force, if it is unknown, starts in equilibrium at the parameters p, SI units.
 

@@ -148,6 +148,30 @@ def test_where_an_effect_leads_out_of_a_wrong_minimum_the_model_without_it_follo
     assert found.fit.values["constant_force"] == pytest.approx(FORCE, rel=0.1)
 
 
+def motion(bench: Bench, fit: Fit, values) -> np.ndarray:
+    """What a fit's own unknowns of the trials lead to at other values of the parameters."""
+    models = [replace(model, simulator=bench.simulator) for model in fit.models]
+    runs = [model.predict(model.simulate(values, x)) for model, x in zip(models, fit.locals, strict=True)]
+    return np.concatenate(runs, axis=1)
+
+
+def test_a_mechanism_that_moves_alike_begins_with_its_bristle_as_far_bent():
+    system, law = SYSTEMS["drive"](), law_named("lugre", "friction")
+    truth = {"sigma_0": 2e4, "sigma_1": 150.0, "sigma_2": 2.0, "mu_c": 3.0, "mu_s": 4.0, "v_s": 5e-3}
+    trials = [{"duration": 1.5, "force": "8*sin(9*t)"}, {"duration": 1.5, "force": "6*sin(7*t + 0.5*sin(7*t))"}]
+    clean = simulate_recording(system, "lugre", truth | {"gain_error_force": -0.05}, trials, 100.0, ["gain_error"])
+    tested = Mechanism(system, law, ("gain_error", "inertia"))
+    noisy = GaussianNoise(0.02)(clean, 0)
+    bench = Bench(Mechanism(system, law), tested, tested, noisy, clean.select(()))
+    weak = bench.refit(bench.base, (*bench.declared, "gain_error_force"), bench.base.values)
+    more = 1 / (1 + weak.values["gain_error_force"])  # (1 + g) F = M a + F_f is F = (M a + F_f) / (1 + g)
+    heavy = {name: more * weak.values[name] for name in ("sigma_0", "sigma_1", "sigma_2", "mu_c", "mu_s")}
+    values = weak.values | heavy | {"gain_error_force": 0.0, "inertia": (more - 1) * system.values["M"]}
+    begins = bench._followed(weak, (*bench.declared, "inertia"), values)
+    as_it_is = motion(bench, weak, weak.values)
+    np.testing.assert_allclose(motion(bench, begins, values), as_it_is, atol=1e-6 * np.abs(as_it_is).max())
+
+
 def test_a_force_that_goes_from_one_mass_to_the_other_strains_the_coupling_and_leaves_the_motion():
     system, law = SYSTEMS["two_mass"](), law_named("coulomb_viscous", "friction")
     truth = {f"{at}.{name}": value for at in ("motor", "load")
@@ -162,14 +186,9 @@ def test_a_force_that_goes_from_one_mass_to_the_other_strains_the_coupling_and_l
     swapped = load.values | {"load.constant_force": 0.0, "motor.constant_force": load.values["load.constant_force"]}
     names = (*bench.declared, "motor.constant_force")
 
-    def motion(values, locals_):
-        models = [replace(model, simulator=bench.simulator) for model in load.models]
-        runs = [model.predict(model.simulate(values, x)) for model, x in zip(models, locals_, strict=True)]
-        return np.concatenate(runs, axis=1)
-
-    as_it_is = motion(load.values, load.locals)
-    left = motion(swapped, load.locals) - as_it_is
-    follows = motion(swapped, bench._followed(load, names, swapped).locals) - as_it_is
+    as_it_is = motion(bench, load, load.values)
+    left = motion(bench, load, swapped) - as_it_is
+    follows = motion(bench, bench._followed(load, names, swapped), swapped) - as_it_is
     assert np.sqrt(np.mean(follows**2)) < 0.2 * np.sqrt(np.mean(left**2))
     motor = bench.imitated(load, names, swapped)
     assert load.values["load.constant_force"] == pytest.approx(0.1, rel=0.2)
