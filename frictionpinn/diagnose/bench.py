@@ -221,11 +221,10 @@ class Bench:
         return None if there is None else self.refit(there, names, there.values, limits=limits)
 
     def _followed(self, fit: Fit, names: Sequence[str], values: Mapping[str, float]) -> Fit:
-        """The fit with each trial's own unknowns where other values lead to a motion that is nearer to its own.
+        """The fit with each trial's own unknowns such that its motion at other values is near to its own.
 
-        Either all begins as it did, bristles as far bent: so the same motion is found again where the values are of a
-        mechanism that moves alike. Or it begins where the quadratic model says: a coupling begins strained otherwise
-        where a force goes from one of its masses to the other.
+        The nearer of two. It begins as it did, bristles as far bent: so do mechanisms that move alike. Or as the
+        quadratic model says: a coupling begins strained where a force goes from one of its masses to the other.
         """
         wider = tuple(dict.fromkeys((*fit.names, *names)))
         new = {par.name for par in self.tested.parameters if par.hidden and par.name in names} - {*fit.names}
