@@ -150,7 +150,7 @@ def _trial(
             )
         expressions[name] = parse_expression(str(text), f"{where}.{name}", constants)
     initial = _numbers(spec.get("initial", {}), f"{where}.initial")
-    path = InputPath.from_expressions(mechanism, t, expressions, Session(start, k + 1))
+    path = simulator.imposed(InputPath.from_expressions(mechanism, t, expressions, Session(start, k + 1)), truth)
     run = simulator.simulate(t, path, truth, initial, z0="steady")
     unused = {name for name in inputs if name not in expressions}
     signals = {name: values for name, values in run.signals.items() if name not in unused}

@@ -266,9 +266,10 @@ class Bench:
 
         def says(k: int) -> TrialModel:
             own, model, local = fit.models[k], models[k], fit.locals[k]
-            y = np.where(np.isnan(model.y), np.nan, own.predict(own.simulate(fit.values, local)))
+            p, joint = fit.values, self.problem.joint
+            y = np.where(np.isnan(model.y), np.nan, own.predict(own.simulate(p, local)))
             inputs = tuple(
-                replace(item, y=np.where(np.isnan(item.y), np.nan, item.basis.design @ values))
+                replace(item, y=np.where(np.isnan(item.y), np.nan, own.shown(item, values, p, (), joint)[0]))
                 for item, values in zip(model.inputs, own.coefficients(local), strict=True)
             )
             return replace(model, y=y, inputs=inputs)

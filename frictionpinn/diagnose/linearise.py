@@ -35,16 +35,19 @@ def linearise(bench: Bench, fit: Fit, names: Sequence[str], values: Mapping[str,
     def work(k: int) -> Rows:
         model, local = fit.models[k], fit.locals[k]
         run = model.simulate(fit.values, local, names, joint)
-        signals, r, J = list(model.outputs), [model.predict(run) - model.y], [model.derivatives(run, fit.values, names)]
+        signals, r = list(model.outputs), [model.predict(run) - model.y]
+        J = [model.derivatives(run, fit.values, names, joint)]
         first = len(names) + len(model.states)
         if joint:
             for item, coefficients in zip(model.inputs, model.coefficients(local), strict=True):
-                own = np.zeros((len(item.names), *J[0].shape[1:]))
-                own[:, :, first : first + item.basis.size] = item.basis.design
+                shown, changes, sensed = model.shown(item, coefficients, fit.values, names, joint)
+                place = [*range(first, first + item.basis.size), *(names.index(name) for name in sensed)]
+                rows = np.zeros((len(item.names), *J[0].shape[1:]))
+                rows[:, :, place] = changes
                 first += item.basis.size
                 signals += item.names
-                r.append(item.basis.design @ coefficients - item.y)
-                J.append(own)
+                r.append(shown - item.y)
+                J.append(rows)
         residuals, sigmas = np.concatenate(r), np.array([fit.sigmas.get(name, 1.0) for name in signals])[:, None]
         weight = np.sqrt(loss.weight(np.nan_to_num(residuals) / sigmas)) / sigmas
         weight = np.where(np.isnan(residuals), 0.0, weight)

@@ -253,7 +253,8 @@ class _Place:
             model, row = fit.models[k], self.rows[k]
             if linear:
                 steady = [z for z in simulator.bristles if z not in model.start]
-                tangent = Tangent(simulator, self.runs[k], model.path(fit.locals[k]), fit.values, steady=steady)
+                path = model.path(fit.locals[k], fit.values)
+                tangent = Tangent(simulator, self.runs[k], path, fit.values, steady=steady)
                 changes = tangent.respond(c.strengths, c.grid, model.contact)
                 J = np.stack([changes[key] for key in model.outputs.values()])
             else:

@@ -100,9 +100,9 @@ class Problem:
             return trial_model(trials[k], self.simulator, self.channels, self.sigmas, rest, self.joint)
 
         self.trials: tuple[TrialModel, ...] = tuple(in_parallel(model, [len(trial) for trial in trials]))
-        given = [model.path(model.local).signals for model in self.trials]
+        recorded = [model.path(model.local[: len(model.states)], {}).signals for model in self.trials]
         shown = [dict(zip(model.outputs, model.y, strict=True)) for model in self.trials]
-        self.motions = smoothed(mechanism, [model.t for model in self.trials], given, shown, self.sigmas)
+        self.motions = smoothed(mechanism, [model.t for model in self.trials], recorded, shown, self.sigmas)
         self.scales = Scales.of(mechanism, self.motions, self.fixed, names)
         self.bounded = frozenset(name for name, pair in (bounds or {}).items() if pair is not None)
         self.space = self._space(names, dict(bounds or {}), self.scales)

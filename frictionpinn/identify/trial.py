@@ -92,14 +92,48 @@ class TrialModel:
             return [item.coefficients for item in self.inputs]
         return [local[first:end] for first, end in pairwise(ends)]
 
-    def path(self, local: np.ndarray) -> InputPath:
-        """Input path at the local unknowns."""
+    def path(self, local: np.ndarray, p: Mapping[str, float]) -> InputPath:
+        """Input path at the local unknowns, as sensors show it; of inputs among these, the truth is the spline."""
         if not self.inputs:
             return self.base
-        coefficients = self.base.coefficients.copy()
+        coefficients, joint = self.base.coefficients.copy(), len(local) > len(self.states)
         for item, values in zip(self.inputs, self.coefficients(local), strict=True):
             coefficients[:, list(item.columns)] = combined(values, item.basis.pieces)
-        return self.base.through(coefficients)
+        path = self.base.through(coefficients)
+        return self.simulator.imposed(path, p, self.sensed) if joint else path
+
+    @property
+    def sensed(self) -> tuple[str, ...]:
+        """Noisy inputs whose sensors effects change."""
+        names = (name for item in self.inputs for name in item.names)
+        return tuple(name for name in names if name in self.simulator.motion_sensors.parameters)
+
+    def shown(
+        self, item: NoisyInput, values: np.ndarray, p: Mapping[str, float], names: Sequence[str], joint: bool
+    ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+        """What sensors show of a noisy input; its spline is the truth where it is among the unknowns (``joint``).
+
+        Returns:
+            signals, shape (orders, n); their derivatives, shape (orders, n, size + own), in its coefficients ``values``
+            and in those of the parameters ``names`` that its sensors have; and these.
+        """
+        truth, design, sensors = item.basis.design @ values, item.basis.design, self.simulator.motion_sensors
+        if not (joint and sensors.of(item.names)):
+            return truth, design, ()
+        vector, own = self.simulator.parameters(p), tuple(n for n in sensors.of(item.names) if n in names)
+        factors, offsets = sensors.lines(item.names, vector).T[:, :, None]
+        changes = sensors.derivatives(dict(zip(item.names, truth, strict=True)), vector, own)
+        return factors * truth + offsets, np.dstack([factors[:, :, None] * design, changes]), own
+
+    def _moves(self, p: Mapping[str, float]) -> Directions | None:
+        """Derivatives of the path, as sensors show it, in the inputs' coefficients."""
+        if self.directions is None or not self.sensed:
+            return self.directions
+        factors = np.ones(len(self.base.names))
+        places = [self.base.names.index(name) for name in self.sensed]
+        factors[places] = self.simulator.motion_sensors.lines(self.sensed, self.simulator.parameters(p))[:, 0]
+        scaled = self.directions.coefficients * factors[:, None]
+        return self.directions.moved(scaled, self.t, self.directions.support)
 
     def initial(self, p: Mapping[str, float], local: np.ndarray) -> dict[str, float]:
         """Initial state by name, SI units."""
@@ -128,7 +162,7 @@ class TrialModel:
         if not sought:
             return self
         start = {name: value for name, value in self.start.items() if name not in dict(sought)}
-        steady = replace(self, states=(), start=start, inputs=(), base=self.path(self.local), directions=None)
+        steady = replace(self, states=(), start=start, inputs=(), base=self.path(self.local, p), directions=None)
         run = steady.simulate(p, np.zeros(0))
         begun, scales = dict(self.start), dict(self.force_scales)
         for name, stiffness in sought:
@@ -153,8 +187,8 @@ class TrialModel:
         ``ran`` is a strict simulation there, to which they are added; ``options`` are those of the simulator.
         """
         wanted = [*names, *(f"{state}(0)" for state in self.states)] if names else []
-        directions: Any = self.directions if names and joint and self.directions is not None else {}
-        path, y0, contact = self.path(local), self.initial(p, local), self.contact
+        directions: Any = (self._moves(p) if names and joint else None) or {}
+        path, y0, contact = self.path(local, p), self.initial(p, local), self.contact
         if ran is not None and names:
             steady = [z for z in self.simulator.bristles if z not in y0]
             changes = self.simulator.differentiate(ran, path, p, wanted, directions, steady=steady, contact=contact)
@@ -194,9 +228,16 @@ class TrialModel:
                 found.append(Jump(a / scale[row], r[row], k, slopes))
         return tuple(found), near
 
-    def derivatives(self, run: Simulation, p: Mapping[str, float], names: Sequence[str]) -> np.ndarray:
-        """Derivatives of the outputs in the parameters ``names``, then in the local unknowns, (n_out, n, n_d)."""
+    def derivatives(
+        self, run: Simulation, p: Mapping[str, float], names: Sequence[str], joint: bool = False
+    ) -> np.ndarray:
+        """Derivatives of the outputs in the parameters ``names``, then in the local unknowns, (n_out, n, n_d).
+
+        The motion that drives is the true one where it is among the unknowns (``joint``), whatever its sensors show.
+        """
         J = np.ascontiguousarray(np.stack([run.sensitivities[key] for key in self.outputs.values()]))
+        own = self.simulator.motion_sensors.of(self.sensed) if joint else ()
+        J[:, :, [k for k, name in enumerate(names) if name in own]] = 0.0
         for z, stiffness in self.bristles:
             if z not in self.states or stiffness not in p:
                 continue
@@ -243,14 +284,14 @@ class TrialModel:
         cost = loss.cost(r)
         n_g, n_l, first = len(names), self.size(joint), len(self.states)
         if names:
-            J = self.derivatives(run, p, names)
+            J = self.derivatives(run, p, names, joint)
             if half:
                 J, measured = averaged(J, measured, half), np.ones_like(r)
             weight = measured * loss.weight(r) / scale[:, None] ** 2
             seen = r * scale[:, None] * np.sqrt(weight)
             rows = measured.sum(), (seen**2).sum(), (seen[:, 1:] * seen[:, :-1]).sum()
             H, gradient = gram(J.reshape(-1, n_g + n_l), (r * scale[:, None]).reshape(-1), weight.reshape(-1))
-            ll, grad_l = H[n_g:, n_g:].copy(), gradient[n_g:].copy()
+            ll, grad_l = H[n_g:, n_g:], gradient[n_g:]  # views
             jumps, near = ((), measured) if half else self.jumps(run, p, names, r, scale)
             steep, pull = (J[near][:, n_g:] * np.sqrt(weight[near])[:, None], seen[near]) if jumps else (None, None)
         for z in self.simulator.bristles:  # held within what friction can be: where the body slides no signal sees it
@@ -264,21 +305,22 @@ class TrialModel:
                 grad_l[i] += distance / reach
         for item, values in zip(self.inputs, self.coefficients(local), strict=True):
             # A signal that was not measured has no level, and no weight.
-            design, levels = item.basis.design, np.array([sigmas.get(name, 1.0) for name in item.names])
-            difference = design @ values - item.y
+            levels = np.array([sigmas.get(name, 1.0) for name in item.names])
+            shown, changes, own = self.shown(item, values, p, names, joint)
+            difference = shown - item.y
             residuals.update({n: r for n, r in zip(item.names, difference, strict=True) if n in sigmas})
             if not joint:
                 continue
             r_in = _filled(difference / levels[:, None])
             cost += loss.cost(r_in)
             if names:
-                own = slice(first, first + item.basis.size)
                 weight = np.where(np.isnan(item.y), 0.0, loss.weight(r_in) / levels[:, None] ** 2)
-                flat = design.reshape(-1, item.basis.size)
+                flat = changes.reshape(-1, changes.shape[2])
                 H_in, g_in = gram(flat, (r_in * levels[:, None]).reshape(-1), weight.reshape(-1))
-                ll[own, own] += H_in
-                grad_l[own] += g_in
-                first = own.stop
+                place = [*range(n_g + first, n_g + first + item.basis.size), *(list(names).index(n) for n in own)]
+                H[np.ix_(place, place)] += H_in
+                gradient[place] += g_in
+                first += item.basis.size
         if not names:
             return Piece(cost, residuals, run=run if options.get("strict") else None, steps=steps)
         ll[np.diag_indices(n_l)] += RELATIVE_FLOOR * (ll.diagonal().max() if n_l else 0.0)

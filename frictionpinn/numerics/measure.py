@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import sympy as sp
@@ -157,6 +157,42 @@ class Sensors:
         jumps = () if velocity is None else times_at_rest(t, truth[velocity], truth[name])
         slope = signals[self.slopes[name]] if name in self.slopes else slopes(t, y, jumps)
         return shift_samples(t, y, slope, delay, jumps) if delay else (y, -slope)
+
+
+class MotionSensors:
+    """What the sensors of an imposed motion show of it: shown = factor * true + offset of every signal.
+
+    Position, velocity and acceleration are one motion, and so the sensor of each can be wrong against the others.
+    """
+
+    def __init__(self, mechanism: Mechanism):
+        self.parameters: dict[str, tuple[str, ...]] = {}
+        self._lines: dict[str, Callable] = {}
+        symbols = [par.symbol for par in mechanism.parameters]
+        for name, line in mechanism.imposed.items():
+            entering = line[0].free_symbols | line[1].free_symbols
+            own = [par for par in mechanism.parameters if par.symbol in entering]
+            changes = [[sp.diff(expr, par.symbol) for expr in line] for par in own]
+            self.parameters[name] = tuple(par.name for par in own)
+            self._lines[name] = sp.lambdify(symbols, [list(line), *changes], "numpy")
+
+    def of(self, signals: Iterable[str]) -> tuple[str, ...]:
+        """Parameters of the sensors of these signals."""
+        return tuple(dict.fromkeys(own for name in signals for own in self.parameters.get(name, ())))
+
+    def lines(self, signals: Sequence[str], p: np.ndarray) -> np.ndarray:
+        """Factor and offset of each signal, shape (len(signals), 2)."""
+        return np.stack([self._lines[name](*p)[0] if name in self._lines else (1.0, 0.0) for name in signals])
+
+    def derivatives(self, true: Mapping[str, np.ndarray], p: np.ndarray, names: Sequence[str]) -> np.ndarray:
+        """Derivatives of what is shown in the parameters ``names``, shape (len(true), n, len(names))."""
+        y = np.stack([*true.values()])
+        result = np.zeros((*y.shape, len(names)))
+        for k, signal in ((k, name) for k, name in enumerate(true) if name in self._lines):
+            for name, (factor, offset) in zip(self.parameters[signal], self._lines[signal](*p)[1:], strict=True):
+                if name in names:
+                    result[k, :, names.index(name)] = factor * y[k] + offset
+        return result
 
 
 def _weights(terms: Mapping[str, float], parameters: tuple[str, ...]) -> np.ndarray:

@@ -13,7 +13,7 @@ from ..physics.mechanism import Mechanism
 from .bristle import resting_states, steady_bristles
 from .codegen import Kernels
 from .differentiate import Wanted, differentiate
-from .measure import Drive, Sensors
+from .measure import Drive, MotionSensors, Sensors
 from .paths import Directions, InputPath
 from .simulation import ContactLost, Simulation, SimulationFailed, Steps
 from .stepping import PLAIN, STRICT, integrate_path, observed
@@ -47,6 +47,7 @@ class Simulator:
         delays = mechanism.delays_of_inputs if as_shown else mechanism.delays
         self._drive = Drive(mechanism, self.parameter_names, delays)
         self._sensors = Sensors(mechanism, self.parameter_names, delays)
+        self.motion_sensors = MotionSensors(mechanism)
         free, self.bristles = mechanism.free, tuple(contact.z.name for contact in mechanism.bristles)
         self.outside = frozenset({*self._drive.parameters, *self._sensors.own})
         self.state_names = (*(c.signals[0] for c in free), *(c.signals[1] for c in free), *self.bristles)
@@ -196,6 +197,20 @@ class Simulator:
         contact = contact or self.mechanism.system.massless  # whose sensor shows a force
         changes = differentiate(self.kernels, path, p, run.states, run.unknowns, run.steps, wanted, steady, contact)
         return self.shown(run, inputs, p, changes, wanted.names)
+
+    def imposed(self, motion: InputPath, p: Values, sensed: Sequence[str] | None = None) -> InputPath:
+        """The input path of a true motion of the driven coordinates: what their sensors show of it.
+
+        ``sensed`` are the signals of which the truth is given, by default all; the others stay as they are.
+        """
+        names = tuple(self.motion_sensors.parameters) if sensed is None else sensed
+        if not names:
+            return motion
+        coefficients, columns = motion.coefficients.copy(), [motion.names.index(name) for name in names]
+        factors, offsets = self.motion_sensors.lines(names, self.parameters(p)).T
+        coefficients[:, columns] *= factors[:, None]
+        coefficients[:, columns, 0] += offsets
+        return motion.through(coefficients)
 
     def acting(self, inputs: InputPath, p: np.ndarray) -> InputPath:
         """The path that acts at a parameter vector: delayed where an effect says so, with the clocks that enter."""

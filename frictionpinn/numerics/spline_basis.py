@@ -70,18 +70,22 @@ class PathBasis:
                 result[:, :, k, m] = powers[m + k].T / math.factorial(m)
         return result
 
-    def fit(self, y: np.ndarray, sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def fit(self, y: np.ndarray, sigmas: np.ndarray, beside: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Weighted least squares on y, shape (orders, n), NaN where missing; sigmas, shape (orders,).
 
+        Args:
+            beside: columns that explain some of y beside the spline, shape (orders, n, k).
+
         Returns:
-            coefficients, shape (size,), and the residuals y - spline, shape (orders, n).
+            coefficients, shape (size + k,), and the residuals, shape (orders, n).
         """
         weight = np.where(np.isnan(y), 0.0, 1 / sigmas[:, None])
-        rows = self.design.reshape(-1, self.size)
+        design = self.design if beside is None else np.dstack([self.design, beside])
+        rows = design.reshape(-1, design.shape[2])
         matrix, right = gram(rows, np.nan_to_num(y).reshape(-1), (weight**2).reshape(-1))
         matrix[np.diag_indices_from(matrix)] *= 1 + 1e-12
         coefficients = cho_solve(cho_factor(matrix), right)
-        return coefficients, y - self.design @ coefficients
+        return coefficients, y - design @ coefficients
 
 
 @dataclass(frozen=True)
@@ -106,6 +110,7 @@ class NoisyInput:
 def choose_basis(t: np.ndarray, y: np.ndarray, sigmas: np.ndarray, most: int) -> PathBasis | None:
     """Return the basis of least Bayesian information criterion sum_k n_k log(RSS_k / n_k) + p log(sum_k n_k).
 
+    The sensor of a velocity or acceleration may have an offset against the position's, and a wrong factor.
     Intervals grow by 40 % from the coarsest; the search ends where three finer ones brought nothing, or with ``most``
     coefficients. The basis returned is a little finer than the best.
 
@@ -116,7 +121,7 @@ def choose_basis(t: np.ndarray, y: np.ndarray, sigmas: np.ndarray, most: int) ->
         most: largest number of coefficients; None is returned where so many do not follow the signal. A spline that
             misses less than the noise is better than the samples, whose noise would be taken for the input.
     """
-    counts = np.sum(~np.isnan(y), axis=1)
+    counts, offsets = np.sum(~np.isnan(y), axis=1), _offsets(y)
     measured = counts > 0
     own = [difference_sigma([(t, row)]) if np.any(~np.isnan(row)) else np.inf for row in y]
     expected = np.where(np.array(own) < CLEAN * sigmas, sigmas**2, 0.0)[measured]  # of signals without their noise
@@ -124,11 +129,11 @@ def choose_basis(t: np.ndarray, y: np.ndarray, sigmas: np.ndarray, most: int) ->
     last = min(most - DEGREE, (len(t) - 1) / FINEST)
     while worse < PATIENCE and last >= 1:
         basis = PathBasis.evenly(t, round(min(intervals, last)), len(y))
-        residuals = basis.fit(y, sigmas)[1][measured]
+        residuals = basis.fit(y, sigmas, offsets)[1][measured]
         squares = np.nansum(residuals**2, axis=1)
         variance = np.maximum(squares / counts[measured] + expected, (1e-3 * sigmas[measured]) ** 2)
         value = float(np.sum(counts[measured] * np.log(variance)) + basis.size * np.log(counts.sum()))
-        typical = 1.4826 * np.nanmedian(np.abs(residuals), axis=1)  # outliers aside
+        typical = _typical(residuals, y[measured] - residuals)
         misfit = bool(np.any(typical > MISFIT * sigmas[measured]))  # too coarse to judge by
         best, least, worse = (basis, value, 0) if value < least or misfit else (best, least, worse + 1)
         if intervals >= last:
@@ -139,6 +144,26 @@ def choose_basis(t: np.ndarray, y: np.ndarray, sigmas: np.ndarray, most: int) ->
     if best is None:
         return None
     return PathBasis.evenly(t, round(min(FINER * (len(best.breaks) - 1), most - DEGREE)), len(y))
+
+
+def _typical(residuals: np.ndarray, fitted: np.ndarray) -> np.ndarray:
+    """Typical residual of each signal, outliers and a wrong factor of its sensor aside, shape (orders,)."""
+    around = np.where(np.isnan(residuals), np.nan, fitted)
+    around -= np.nanmean(around, axis=1, keepdims=True)
+    squares = np.maximum(np.nansum(around**2, axis=1), np.finfo(float).tiny)
+    factors = np.nansum(residuals * around, axis=1) / squares
+    return 1.4826 * np.nanmedian(np.abs(residuals - factors[:, None] * around), axis=1)
+
+
+def _offsets(y: np.ndarray) -> np.ndarray:
+    """What an offset of the sensor of each derivative changes, shape (orders, n, columns): of those with a lower
+    derivative measured at half as many samples at least, which tells it."""
+    columns, counts = [], np.sum(~np.isnan(y), axis=1)
+    for k in range(1, len(y)):
+        if counts[k] and 2 * counts[:k].max() >= counts[k]:
+            columns.append(np.zeros_like(y))
+            columns[-1][k] = 1.0
+    return np.stack(columns, axis=2) if columns else np.zeros((*y.shape, 0))
 
 
 def smooth_together(data: Sequence[Coordinate], sigmas: Sequence[float | None]) -> list[Smoothed]:

@@ -248,6 +248,18 @@ class Mechanism(Shown):
             result = {name: effect.sensor(self.system, name, expr, self.p) for name, expr in result.items()}
         return result
 
+    @cached_property
+    def imposed(self) -> dict[str, tuple[sp.Expr, sp.Expr]]:
+        """Signal of a driven coordinate -> factor and offset of its sensor, shown = factor * true + offset; those that
+        effects change, from the truth that they put in the equations in its place."""
+        result: dict[str, tuple[sp.Expr, sp.Expr]] = {}
+        for name, symbol in (pair for c in self.driven for pair in zip(c.signals, c.symbols, strict=True)):
+            truth = self._replaced(symbol)
+            slope, rest = sp.diff(truth, symbol), truth.subs(symbol, 0)
+            if truth != symbol and slope.free_symbols | rest.free_symbols <= {par.symbol for par in self.parameters}:
+                result[name] = (1 / slope, -rest / slope)
+        return result
+
     @property
     def delays(self) -> dict[str, dict[str, float]]:
         """Signal -> {parameter: sign}: by this sum, in s, a prediction is measured late, or an input acts late."""
