@@ -139,6 +139,14 @@ class Recording(Shown):
                 windows.append(trial.part(slice(first, end), trial.name if count == 1 else f"{trial.name}[{k}]"))
         return windows
 
+    def spread(self, share: float, windows: Sequence[Trial]) -> Recording:
+        """Return about this share of the ``windows`` that it was cut into, spread evenly over the session: of as many
+        equal parts one window each, drawn at random so that no cycle of the trials is met in step, always the same."""
+        edges = np.linspace(0, len(windows), max(round(share * len(windows)), 1) + 1).round().astype(int)
+        generator = np.random.default_rng(0)
+        drawn = [windows[generator.integers(first, end)] for first, end in pairwise(edges) if end > first]
+        return replace(self, trials=tuple(drawn))
+
     def __len__(self) -> int:
         return sum(len(trial) for trial in self.trials)
 

@@ -36,6 +36,9 @@ class Settings:
             effect as weak as can be found gains little there, by chance less than nothing.
         worth: root mean square of what is left over that of the friction force, from which it matters: friction itself
             repeats to a few per cent from day to day, and a long recording makes far less significant.
+        samples: of fitted and held-out trials together that are looked at; of a longer recording, windows spread evenly
+            over it. A budget: each takes up to 0.2 MB of memory and some 10 ms of a processor, and what so many do not
+            show is worth little.
     """
 
     log_p: float = -4.0
@@ -47,6 +50,7 @@ class Settings:
     tied: float = 1.0
     gain: float = -1.0
     worth: float = 0.01
+    samples: int = 50_000
 
 
 @dataclass(frozen=True)

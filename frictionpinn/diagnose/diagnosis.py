@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..data.recording import Recording
+from ..identify.problem import simulated_alone
 from ..identify.result import Estimate
 from ..physics.effects import effects_for
 from ..physics.mechanism import Mechanism
@@ -57,6 +58,8 @@ class Diagnosis(Shown):
         settings: thresholds.
         network: the fallback term in the place of what no name explains, if it was asked for.
         fitted: the trials that were fitted.
+        whole: fitted and held-out trials as given: more than were looked at where they are longer than
+            ``settings.samples``.
         config: the options of the diagnosis, for its report.
         doubts: what keeps the verdict from having a sense, see :func:`frictionpinn.diagnose.verdict.gate`; the verdict
             then is "no verdict".
@@ -85,6 +88,7 @@ class Diagnosis(Shown):
     after: Fit
     network: Network | None = None
     fitted: Recording = field(default_factory=lambda: Recording((), {}))
+    whole: tuple[Recording, ...] = ()
     config: dict[str, Any] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()
 
@@ -136,9 +140,10 @@ class Diagnosis(Shown):
         from ..workflow.diagnose import report
 
         folder = Path(folder)
-        whole = replace(self.fitted, trials=(*self.fitted.trials, *self.held_out.trials))
+        fitted, held_out = self.whole
+        whole = replace(fitted, trials=(*fitted.trials, *held_out.trials))
         own = {"name": "csv", "path": str(whole.save(folder / "recording.parquet").absolute()), "trial_column": "trial"}
-        report(self, self.config | {"data": own | {"held_out": list(self.held_out.names)}}, folder)
+        report(self, self.config | {"data": own | {"held_out": list(held_out.names)}}, folder)
         return folder
 
 
@@ -169,7 +174,8 @@ def diagnose(
         UserError: the declared model cannot be fitted; names or signals that do not fit it.
     """
     began, settings = time.perf_counter(), settings or Settings()
-    held_out = held_out or Recording((), fitted.units)
+    whole = fitted, held_out or Recording((), fitted.units)
+    fitted, held_out = _looked_at(whole, settings.samples, options.get("windows"))
     system, law = mechanism.system, mechanism.law
     kinds, probes, given = effects_for(system, law, effects), remainders(system), {e.name for e in mechanism.effects}
     every = (*mechanism.effects, *(e for e in kinds if e.name not in given))
@@ -201,8 +207,17 @@ def diagnose(
         name, accepted, refused, verdict.rest, verdict.trifle, values, ci95, units, bench.estimate,
         verdict.errors, verdict.scored, verdict.shares, verdict.left, scanned.sigmas, scanned.noise.coloured,
         time.perf_counter() - began, settings, bench, selection, verdict.before, verdict.after, fallback, fitted,
-        doubts=doubts,
+        whole, doubts=doubts,
     )  # fmt: skip
+
+
+def _looked_at(whole: Sequence[Recording], most: int, length_s: float | None) -> list[Recording]:
+    """The recordings, or as much of each as makes about ``most`` samples together: windows spread evenly over it."""
+    total = sum(len(recording) for recording in whole)
+    if total <= most:
+        return [*whole]
+    log.info(f"{most} of {total} samples are looked at, in windows spread evenly (diagnose.samples)")
+    return [r.spread(most / total, simulated_alone(r, length_s)) if r.trials else r for r in whole]
 
 
 def _reasons(

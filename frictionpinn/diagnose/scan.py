@@ -17,7 +17,7 @@ import numpy as np
 from ..numerics.coloured import Noise, fit_noise
 from ..numerics.parallel import in_parallel
 from ..numerics.resolution import samples_within
-from ..numerics.score import SINGULAR, TINY, Columns, Normal, Rows, beside, log_p, solve, weighted
+from ..numerics.score import SINGULAR, TINY, Columns, Normal, Rows, Score, beside, log_p, solve, weighted
 from ..numerics.simulate import ContactLost, Simulation, SimulationFailed
 from ..numerics.tangent import Tangent
 from ..physics.remainder import BUMPS, Remainder
@@ -27,6 +27,7 @@ from .fit import Fit
 from .linearise import linearise
 
 GUESS = 0.1  # of its usual size: a strength whose step no derivative tells
+TOGETHER = 24  # columns of a candidate's grid that are tested at once: a budget of memory
 BEYOND = 1e8  # times the range of the signals: squares of such columns and of others have no common digits
 
 
@@ -125,7 +126,7 @@ def scan(
     rows = linearise(bench, fit, names, places)
     sizes = {par.name: bench.sizes.of(par) for par in bench.probe.mechanism.parameters if par.name in names}
     wild = _overflowing(fit, [row.change for row in rows], [sizes[name] for name in names])
-    finite = [replace(row, change=np.where(wild, 0.0, row.change)) for row in rows]
+    finite = [replace(row, change=np.where(wild, 0.0, row.change)) for row in rows] if wild.any() else rows
     noise = _noise(finite)
     estimated = [replace(row, change=row.change[:, :, : len(fit.names)]) for row in finite]
     known = in_parallel(lambda k: Columns.of(estimated[k], noise), [row.r.size for row in rows])
@@ -205,24 +206,25 @@ class _Place:
     def test(self, c: Candidate) -> Tested:
         """A candidate at the point of its grid where it explains most."""
         changes = self.at_hand(c.strengths) if len(c.grid) == 1 else self.on_grid(c)
-        left, along, lengths = self.left(changes, c.strengths * len(c.grid))
-        at = np.arange(len(lengths)).reshape(len(c.grid), -1)
-        scores = [
-            normal.test(lengths[own])
-            for normal, own in zip(Normal.each([c.strengths] * len(at), left), at, strict=True)
-        ]
-        j = max(range(len(at)), key=lambda j: scores[j].statistic)
-        best, shape = scores[j], dict(c.grid[j])
-        if best.freedom == 0 and any(score.overflow for score in scores):
-            guess, trace = (
-                {name: GUESS * self.sizes[name] for name in c.strengths},
-                np.zeros(sum(len(x.r) for x in left)),
-            )
-            return Tested(c, 0.0, 0.0, 0, guess, {}, shape, trace, untested=True, width=self.fit.width)
-        trace = np.concatenate([x.matrix[:, at[j]] @ best.step for x in left])
-        trace /= max(float(np.linalg.norm(trace)), TINY)
+        best, overflow, shape, trace, moved = Score(np.zeros(0), -1.0), False, {}, np.zeros(0), np.zeros(0)
+        k = len(c.strengths)
+        for first in range(0, len(c.grid), at_once := max(TOGETHER // k, 1)):
+            points = c.grid[first : first + at_once]
+            some = [change[:, :, first * k : (first + at_once) * k] for change in changes]
+            left, along, lengths = self.left(some, c.strengths * len(points))
+            at = np.arange(len(lengths)).reshape(len(points), -1)
+            for own, normal, point in zip(at, Normal.each([c.strengths] * len(at), left), points, strict=True):
+                score = normal.test(lengths[own])
+                overflow |= score.overflow
+                if score.statistic > best.statistic:
+                    best, shape, moved = score, dict(point), -along[:, own] @ score.step
+                    trace = np.concatenate([x.matrix[:, own] @ score.step for x in left])
+        if best.freedom == 0 and overflow:
+            guess = {name: GUESS * self.sizes[name] for name in c.strengths}
+            return Tested(c, 0.0, 0.0, 0, guess, {}, shape, 0.0 * trace, untested=True, width=self.fit.width)
+        trace = trace / max(float(np.linalg.norm(trace)), TINY)
         step = dict(zip(c.strengths, best.step.tolist(), strict=True))
-        moves = dict(zip(self.fit.names, (-along[:, at[j]] @ best.step).tolist(), strict=True))
+        moves = dict(zip(self.fit.names, moved.tolist(), strict=True))
         chance = log_p(best.statistic, best.freedom, len(c.grid))
         return Tested(c, chance, best.statistic, best.freedom, step, moves, shape, trace, width=self.fit.width)
 

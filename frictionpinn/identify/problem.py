@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..data.recording import Recording
+from ..data.recording import Recording, Trial
 from ..errors import choose
 from ..numerics.loss import LOSSES, choose_loss
 from ..numerics.motion import smoothed
@@ -29,6 +29,11 @@ from .trial import TrialModel
 LONG_TRIAL = 4000  # samples: a trial with more is cut into windows of about half as many
 COARSE_SHARE = 0.25  # of the usual time between two peaks of the slip velocity: a stop is placed better than that
 REFINEMENT = 2.0  # factor from one resolution to the next: a minimum lies well within the basin of the next
+
+
+def simulated_alone(recording: Recording, length_s: float | None = None) -> list[Trial]:
+    """Trials and windows of the recording that are simulated each on its own, see ``windows`` of :class:`Problem`."""
+    return recording.cut(length_s, longest=LONG_TRIAL, least=DEGREE + 3)
 
 
 class Problem:
@@ -86,7 +91,7 @@ class Problem:
         names = tuple(free) if free is not None else tuple(n for n in law if n not in (fixed or {}))
         held = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values | dict(fixed or {})
         self.fixed = {name: float(v) for name, v in held.items() if v is not None and name not in names}
-        trials = recording.cut(windows, longest=LONG_TRIAL, least=DEGREE + 3)
+        trials = simulated_alone(recording, windows)
         self.channels = Channels.of(mechanism, set().union(*(trial.signals for trial in trials)))
         self.given = dict(sigmas or {})
         self.sigmas: dict[str, float] = {}

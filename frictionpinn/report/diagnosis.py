@@ -42,6 +42,10 @@ def headline(d: Diagnosis) -> str:
     if d.trifle is not None:
         sentences.append(f"Significant but small: {dependence(d.trifle)}, {100 * d.trifle.size:.2g} % of the friction "
                          f"force (diagnose.worth: {100 * d.settings.worth:.2g} %).")  # fmt: skip
+    looked_at, given = len(d.fitted) + len(d.held_out), sum(len(recording) for recording in d.whole)
+    if looked_at < given:
+        sentences.append(f"Looked at {looked_at} of {given} samples, in windows spread evenly over the recording "
+                         "(diagnose.samples).")  # fmt: skip
     if untested := {r.candidate.name for r in d.refused if "could not be tested" in r.why}:
         sentences.append(f"{len(untested)} candidates could not be tested: their derivatives overflow in the "
                          "simulation.")  # fmt: skip

@@ -89,7 +89,9 @@ def examine(cfg: Config, mechanism: Mechanism, recording: Recording) -> Diagnosi
     fitted, held_out = split(recording, cfg["data"])
     log.info(f"diagnosing {mechanism.name} on {recording.source}: fitted to {', '.join(fitted.names)}; held out: "
              f"{', '.join(held_out.names) or 'none'}")  # fmt: skip
-    settings = Settings(float(options["log10_p"]), int(options["most"]), worth=float(options["worth"]))
+    settings = Settings(
+        float(options["log10_p"]), int(options["most"]), worth=float(options["worth"]), samples=int(options["samples"])
+    )
     wanted = {key: options[key] for key in ("inputs", "initial", "windows", "free", "loss")}
     friction = {key: law_table(cfg["friction"], key, mechanism.law) for key in ("start", "bounds", "fixed")}
     effects = None if options["effects"] == "all" else options["effects"]
@@ -108,7 +110,8 @@ def report(d: Diagnosis, cfg: Config, folder: Path) -> dict[str, Any]:
     result = as_dict(d) | {
         "data": {
             "source": d.fitted.source, "sha256": d.fitted.checksum, "fitted": list(d.fitted.names),
-            "held_out": list(d.held_out.names),
+            "held_out": list(d.held_out.names), "samples": len(d.fitted) + len(d.held_out),
+            "samples_given": sum(len(recording) for recording in d.whole),
         },
         "augmented_model": "augmented.yaml",
         "versions": versions(),
@@ -299,6 +302,9 @@ def checked(cfg: Config) -> dict[str, Any]:
     if not isinstance(options["most"], int) or options["most"] < 1:
         raise UserError("impossible number of effects", where="diagnose.most", received=options["most"],
                         allowed="at least 1")  # fmt: skip
+    if not isinstance(options["samples"], int) or options["samples"] < 1000:
+        raise UserError("impossible number of samples", where="diagnose.samples", received=options["samples"],
+                        allowed="at least 1000")  # fmt: skip
     worth = options["worth"]
     if not isinstance(worth, int | float) or isinstance(worth, bool) or not 0 <= worth < 1:
         raise UserError("impossible share", where="diagnose.worth", received=worth,

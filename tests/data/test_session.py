@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from frictionpinn.data.prepare import thin
 from frictionpinn.data.read import find_files, read_recording
@@ -123,3 +125,24 @@ def test_a_trial_without_a_start_is_named(tmp_path):
     with pytest.raises(UserError, match=r"missing value: .*trial 'a'.*start") as caught:
         read(tmp_path, start="began")
     assert "\n" not in str(caught.value)
+
+
+@given(st.integers(1, 60), st.floats(0.02, 0.98), st.integers(2, 7))
+@settings(max_examples=50, deadline=None)
+def test_a_share_of_a_recording_is_spread_over_it_and_meets_no_cycle_of_its_trials_in_step(count, share, cycle):
+    recording = session(*[0.0] * count)
+    part = recording.spread(share, recording.trials)
+    numbers = [trial.number for trial in part.trials]
+    assert len(numbers) == max(round(share * count), 1) and numbers == sorted(set(numbers))
+    assert part.names == recording.spread(share, recording.trials).names
+    assert max(np.diff([0, *numbers, count + 1])) <= 2 * np.ceil(count / len(numbers))
+    if len(numbers) >= 12 and count >= cycle * len(numbers):
+        assert len({number % cycle for number in numbers}) > 1
+
+
+def test_windows_of_a_long_trial_keep_their_place_in_the_session():
+    long = Recording((Trial("run", np.arange(20_000) / 1000, {"x": np.zeros(20_000)}),), {"x": "m"})
+    part = long.spread(0.3, long.cut(None, 4000, 9))
+    assert len(part) == 6000 and part.units == long.units
+    for trial in part.trials:
+        assert trial.start == pytest.approx(trial.t[0]) and trial.name.startswith("run[")

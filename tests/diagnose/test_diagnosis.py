@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -108,6 +109,21 @@ def test_where_held_out_trials_are_predicted_badly_as_fitted_the_headline_says_w
     assert report.gain_in_words(d) == " (log-likelihood of trials that no fit saw +389)"
 
 
+def test_of_a_long_recording_windows_are_looked_at_and_the_whole_is_kept(tmp_path):
+    system, made = recorded(("constant_force",), {"constant_force": 0.5})
+    again = [replace(trial, name=f"{trial.name}{turn}", start=None) for turn in "abc" for trial in made.trials]
+    fitted, held_out = (replace(made, trials=tuple(part)) for part in (again[:6], again[6:]))
+    d = diagnose(Mechanism(system, LAWS["lugre"]()), fitted, held_out, settings=Settings(samples=2700),
+                 effects=["constant_force", "drag"])  # fmt: skip
+    assert len(d.fitted) + len(d.held_out) == 3000 and set(d.held_out.names) < set(held_out.names)
+    assert [a.candidate.name for a in d.accepted] == ["constant_force"]
+    assert "Looked at 3000 of 5400 samples" in headline(d)
+    d.save(tmp_path)
+    assert len(pd.read_parquet(tmp_path / "recording.parquet")) == 5400
+    told = json.loads((tmp_path / "result.json").read_text())["data"]
+    assert (told["samples"], told["samples_given"]) == (3000, 5400)
+
+
 def test_nothing_is_found_where_nothing_is_missing():
     d = diagnosed(seed=3)
     assert d.verdict == "nothing missing" and d.accepted == ()
@@ -187,6 +203,7 @@ def test_the_command_tells_an_impossible_option_in_one_line(measured, override, 
     [
         ("diagnose.log10_p=3", "a negative number"),
         ("diagnose.most=0", "at least 1"),
+        ("diagnose.samples=10", "at least 1000"),
         ("diagnose.worth=2", "a share of the friction force"),
         ("diagnose.loss=square", "gaussian"),
         ("diagnose.fallback=net", "did you mean 'network'"),
