@@ -216,7 +216,7 @@ def _looked_at(whole: Sequence[Recording], most: int, length_s: float | None) ->
     total = sum(len(recording) for recording in whole)
     if total <= most:
         return [*whole]
-    log.info(f"{most} of {total} samples are looked at, in windows spread evenly (diagnose.samples)")
+    log.info(f"about {most} of {total} samples are looked at, in windows spread evenly (diagnose.samples)")
     return [r.spread(most / total, simulated_alone(r, length_s)) if r.trials else r for r in whole]
 
 
