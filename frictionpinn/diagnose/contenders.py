@@ -37,7 +37,7 @@ class Settings:
         worth: root mean square of what is left over that of the friction force, from which it matters: friction itself
             repeats to a few per cent from day to day, and a long recording makes far less significant.
         samples: of fitted and held-out trials together that are looked at; of a longer recording, windows spread evenly
-            over it. A budget: each takes up to 0.2 MB of memory and some 10 ms of a processor, and what so many do not
+            over it. A budget: each takes up to 0.2 MB of memory and 20 ms of a processor, and what so many do not
             show is worth little.
     """
 

@@ -206,9 +206,10 @@ class _Place:
     def test(self, c: Candidate) -> Tested:
         """A candidate at the point of its grid where it explains most."""
         changes = self.at_hand(c.strengths) if len(c.grid) == 1 else self.on_grid(c)
-        best, overflow, shape, trace, moved = Score(np.zeros(0), -1.0), False, {}, np.zeros(0), np.zeros(0)
-        k = len(c.strengths)
-        for first in range(0, len(c.grid), at_once := max(TOGETHER // k, 1)):
+        k, overflow, shape, trace = len(c.strengths), False, dict[str, float](), np.zeros(0)
+        best, moved = Score(np.zeros(k), -1.0), np.zeros(len(self.fit.names))
+        at_once = max(TOGETHER // k, 1)
+        for first in range(0, len(c.grid), at_once):
             points = c.grid[first : first + at_once]
             some = [change[:, :, first * k : (first + at_once) * k] for change in changes]
             left, along, lengths = self.left(some, c.strengths * len(points))
