@@ -3,9 +3,9 @@
     python benchmarks/wide_check.py
 
 Every system with every law, and every effect, on drawn motions of seeds below 1000: the package simulates each trial
-from the state at its first sample, with the same excitation. Laws without memory are
-compared at v_t = 1e-6 too, where theirs hold a resting contact as ours. Late accelerations differ where they jump
-between samples. Writes benchmarks/results/wide_check.txt.
+from the state at its first sample, with the same excitation. Laws without memory are compared at
+v_t = 1e-6 too, where theirs hold a resting contact as ours. Late accelerations differ where they jump between samples.
+Writes benchmarks/results/wide_check.txt.
 """
 
 from __future__ import annotations

@@ -63,6 +63,8 @@ def simulate_trials(
 ) -> Recording:
     """Simulate trials of a mechanism with its effects: as :func:`simulate_recording`, the signals as sensors show them.
 
+    The path of a driven coordinate is its true motion; delays aside, which are those of the path as it is written.
+
     Args:
         mechanism: system, friction law and effects.
         p: parameters by name, SI units; those of the system and the effects have defaults.

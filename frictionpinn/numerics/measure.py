@@ -169,7 +169,7 @@ class MotionSensors:
         self.parameters: dict[str, tuple[str, ...]] = {}
         self._lines: dict[str, Callable] = {}
         symbols = [par.symbol for par in mechanism.parameters]
-        for name, line in mechanism.imposed.items():
+        for name, line in mechanism.motion_sensors.items():
             entering = line[0].free_symbols | line[1].free_symbols
             own = [par for par in mechanism.parameters if par.symbol in entering]
             changes = [[sp.diff(expr, par.symbol) for expr in line] for par in own]

@@ -249,7 +249,7 @@ class Mechanism(Shown):
         return result
 
     @cached_property
-    def imposed(self) -> dict[str, tuple[sp.Expr, sp.Expr]]:
+    def motion_sensors(self) -> dict[str, tuple[sp.Expr, sp.Expr]]:
         """Signal of a driven coordinate -> factor and offset of its sensor, shown = factor * true + offset; those that
         effects change, from the truth that they put in the equations in its place."""
         result: dict[str, tuple[sp.Expr, sp.Expr]] = {}
