@@ -206,7 +206,7 @@ def _fit(model: StateModel, batch: Batch, named: tuple[str, ...], iterations: in
             slopes = torch.autograd.grad(value, [p for _, p in own])
         return float(value.detach()), torch.cat([g.flatten() for g in slopes]).double().cpu().numpy()
 
-    ways = _ways(lambda x: at(x)[1], first, law)
+    ways, highest = _ways(lambda x: at(x)[1], first, law), 0.0
 
     def place(y: np.ndarray) -> np.ndarray:
         x = first + y
@@ -214,7 +214,11 @@ def _fit(model: StateModel, batch: Batch, named: tuple[str, ...], iterations: in
         return x
 
     def loss(y: np.ndarray) -> tuple[float, np.ndarray]:
+        nonlocal highest
         value, slope = at(place(y))
+        if not np.isfinite([value, *slope]).all():  # too long a step: worse than all there was, the next is shorter
+            return 2 * highest, np.zeros_like(slope)
+        highest = max(highest, value)
         slope[law] = ways.T @ slope[law]
         return value, slope
 

@@ -269,3 +269,24 @@ def test_friction_that_departs_from_proportion_to_the_load_costs_a_black_box(sta
     told = model.tables()[2].detach().numpy().reshape(81, 3, -1)
     wanted = 1000.0 * np.mean((told - told.mean(axis=1, keepdims=True)) ** 2)
     assert float(model.losses(data)["consistency"].detach()) == pytest.approx(wanted, rel=1e-4) and wanted > 0
+
+
+def test_a_step_beyond_what_numbers_hold_is_made_again_shorter():
+    # As on the measured pendulum, where a departure so far from the law left a bristle that carries nothing.
+    from frictionpinn.models.state_start import _fit
+
+    class Overflowing(torch.nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.network = torch.nn.Parameter(torch.zeros(1, dtype=torch.float64))
+
+        def losses(self, batch):
+            return {
+                "loss": 10
+                - self.network.sum()
+                + 1e-3 * torch.where(self.network < 20, self.network.exp(), torch.nan).sum()
+            }
+
+    model = Overflowing()
+    _fit(model, {"v": torch.zeros(1)}, ("network",), 50)
+    assert float(model.network.detach()) == pytest.approx(np.log(1e3), abs=1e-2)

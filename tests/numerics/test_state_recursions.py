@@ -129,3 +129,11 @@ def test_no_closed_cycle_of_motion_gives_energy(seed, elements, speed, damping, 
         work.append(done - (stored[1] - stored[0]))
     scale = np.sum(rows[0] * 1e-3 * 10) * speed * 0.5
     assert min(work) > -2e-3 * scale
+
+
+def test_a_bristle_that_carries_nothing_gives_no_number_and_no_error():
+    n, K = 40, 1
+    tables, elements = np.zeros((K + 1, 17, 3)), np.array([[500.0], [5.0], [0.0], [1.0]])
+    rest = [torch.from_numpy(x) for x in (tables, elements, np.array(0.0), np.cos(0.09 * np.arange(n)), np.zeros(2))]
+    force, *_ = Recursion.apply(torch.zeros((2, K), dtype=torch.float64), *rest, GRID, drive(n, 0.5))
+    assert torch.isnan(force).any()
