@@ -32,7 +32,7 @@ from ..errors import UserError
 from ..numerics.descent import CLOSELY, KNOWN, Solution, coarse_to_fine, levenberg_marquardt
 from ..numerics.minima import AT_ONCE, KICKS, assembled, carried, lowest_of_trials
 from ..numerics.parallel import in_parallel
-from ..numerics.quadratic import Evaluate, Known, State, reduced, same_minimum
+from ..numerics.quadratic import Evaluate, Known, State, moved, reduced, same_minimum
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.base import plain_name
 from ..physics.mechanism import Mechanism
@@ -47,6 +47,8 @@ from .uncertainty import failed, finish, neighbours
 BEST = 2  # of the points of a design, and of a grid: these are followed
 # Times the stiffness of the fit: a ring that lasts k periods fits one off as well, at (1 -+ 1/k)^2; k is 3 to 6.
 STIFFNESSES = (0.5, 2.0, 0.7, 1.4)
+# Times the Stribeck velocity of the fit: much friction at rest that is soon lost, or less that is lost later, may fit.
+STRIBECK_VELOCITIES = (0.5, 2.0)
 UNTOLD_REST = 3.0  # standard deviations of the noise: from where samples tell that a body moves
 BARELY = 3e-5  # m/s or rad/s: three times the usual v_t, slip that mobilises all the friction of a law without memory
 LOUD = 20.0  # times the noise by differences: residuals under a tether that are larger set the level
@@ -154,6 +156,11 @@ def minima_around(
     ways = [(kicks, widths[-1:])]
     for at in np.eye(len(values))[[plain_name(name) == "sigma_0" for name in problem.names]]:
         ways.append(([away(np.log(factor) * at) for factor in STIFFNESSES], widths[-2:]))
+    covariance = errors @ errors.T
+    for k in np.flatnonzero([plain_name(name) == "v_s" for name in problem.names]):
+        ridge = covariance[:, k] / covariance[k, k]
+        beside = [moved(found.state, np.log(f) * ridge, limits, longest=np.inf) for f in STRIBECK_VELOCITIES]
+        ways.append(([replace(found.state, u=u, locals=tuple(own)) for u, own in beside], widths[-1:]))
     ways += [([state], widths[-1:]) for state in beginnings(problem, found.state)]
 
     def followed(begun: Sequence[tuple[State, list[float]]], known: list[Known]) -> list[Solution | None]:
