@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -10,25 +11,12 @@ import numpy as np
 from ..identify.likelihood import beginnings
 from ..identify.problem import Problem
 from ..identify.trial import TrialModel
-from ..numerics.descent import coarse_to_fine
-from ..numerics.minima import assembled, carried
+from ..numerics.descent import Solution, coarse_to_fine
+from ..numerics.minima import assembled, carried, lowest_of_trials
 from ..numerics.quadratic import FAINT, Evaluate, Piece, State, reduced
 from ..numerics.simulate import ContactLost, SimulationFailed
 from .bench import Bench
 from .fit import Fit
-
-
-def check(bench: Bench, fit: Fit) -> Fit | None:
-    """The held-out trials with the fit's parameters: only their own unknowns are estimated.
-
-    None without such trials, or where they cannot be simulated.
-    """
-    found = _held_out(bench, fit)
-    if found is None:
-        return None
-    problem, models, first, evaluate = found
-    state = _own_unknowns(problem, evaluate, first)
-    return None if state is None else replace(fit, models=models, state=state, minima=())
 
 
 @dataclass(frozen=True)
@@ -46,44 +34,66 @@ class Surprise:
     moved: float
 
 
+def check(bench: Bench, fit: Fit) -> Fit | None:
+    """The held-out trials with the fit's parameters: only their own unknowns are estimated.
+
+    None without such trials, or where they cannot be simulated.
+    """
+    found = _judged(bench, fit)
+    return None if found is None else found[0]
+
+
 def surprise(bench: Bench, fit: Fit) -> Surprise | None:
     """What trials that no fit saw say of a fit; None without such trials, or where they cannot be simulated."""
+    found = _judged(bench, fit)
+    return None if found is None else found[1]
+
+
+def _judged(bench: Bench, fit: Fit) -> tuple[Fit, Surprise] | None:
+    """The held-out trials with the fit's parameters, and what they say of it.
+
+    A slip a little early or late makes minima in the trials' own unknowns, fewer of them where the parameters may move
+    as far as the fit leaves them open. So these unknowns are searched with the parameters as fitted, then both, and the
+    unknowns to which that leads are tried with the parameters as fitted.
+    """
     found = _held_out(bench, fit)
     if found is None:
         return None
-    problem, _, first, plain = found
+    problem, models, first, plain = found
     at, limits, widths = first.u, problem.space.limits, problem.resolutions
-    held = _own_unknowns(problem, plain, first)
-    if held is None or not fit.state.curved:
-        return None if held is None else Surprise(held.cost, held.cost)
-    S = reduced(fit.state)[0] + FAINT * np.eye(len(at))
+    held, moved = _own_unknowns(problem, plain, problem.apart(models, fit.sigmas), first), None
+    if held is not None and fit.state.curved:
+        S = reduced(fit.state)[0] + FAINT * np.eye(len(at))
 
-    def known(state: State) -> State:
-        """The state with what the fit knows as one more piece, without unknowns of its own."""
-        d = state.u - at
-        piece = Piece(0.5 * float(d @ S @ d), {}, gg=S, gl=np.zeros((len(d), 0)), grad_g=S @ d)
-        return State(state.u, (*state.locals, np.zeros(0)), (*state.pieces, piece))
+        def known(state: State) -> State:
+            """The state with what the fit knows as one more piece, without unknowns of its own."""
+            d = state.u - at
+            piece = Piece(0.5 * float(d @ S @ d), {}, gg=S, gl=np.zeros((len(d), 0)), grad_g=S @ d)
+            return State(state.u, (*state.locals, np.zeros(0)), (*state.pieces, piece))
 
-    def evaluate(u, locals_, derivatives, ran: State | None = None, **options):
-        inner = None if ran is None else replace(ran, pieces=ran.pieces[:-1])
-        state = plain(u, locals_[:-1], derivatives, ran=inner, **options)
-        return None if state is None else known(state)
+        def evaluate(u, locals_, derivatives, ran: State | None = None, **options):
+            inner = None if ran is None else replace(ran, pieces=ran.pieces[:-1])
+            state = plain(u, locals_[:-1], derivatives, ran=inner, **options)
+            return None if state is None else known(state)
 
-    # A slip a little early or late makes minima: from where the parameters as fitted lead, too.
-    starts = ((first, widths), (held, widths[-1:]))
-    made = [coarse_to_fine(evaluate, known(state), limits, own) for state, own in starts]
-    ends = sorted((s for s in made if s is not None and s.state.curved), key=lambda s: s.state.cost)
-    if not ends:
-        return Surprise(held.cost, held.cost)
-    offered = carried([end.state for end in ends[1:]], ends[0].state.u, limits)
-    best = assembled(evaluate, ends[0], offered, limits).state
-    change = np.linalg.slogdet(reduced(best)[0])[1] - np.linalg.slogdet(S)[1]
-    return Surprise(held.cost, best.cost + 0.5 * float(change))
+        starts = ((first, widths), (held.state, widths[-1:]))
+        made = [coarse_to_fine(evaluate, known(state), limits, own) for state, own in starts]
+        ends = sorted((s for s in made if s is not None and s.state.curved), key=lambda s: s.state.cost)
+        if ends:
+            offered = carried([end.state for end in ends[1:]], ends[0].state.u, limits)
+            best = assembled(evaluate, ends[0], offered, limits).state
+            held = assembled(plain, held, [own[:-1] for own in carried([best], at, limits)], (at, at))
+            moved = best.cost + 0.5 * float(np.linalg.slogdet(reduced(best)[0])[1] - np.linalg.slogdet(S)[1])
+    if held is None:
+        return None
+    cost = held.state.cost
+    return replace(fit, models=models, state=held.state, minima=()), Surprise(cost, cost if moved is None else moved)
 
 
-def _own_unknowns(problem: Problem, evaluate: Evaluate, first: State) -> State | None:
+def _own_unknowns(problem: Problem, evaluate: Evaluate, alone: Sequence[Evaluate], first: State) -> Solution | None:
     """Trials at given parameters, their own unknowns estimated: from the coarsest resolution, from the one next to the
-    sample and from the sample alone, and begun at rest; of each trial the best. None where they cannot be simulated."""
+    sample and from the sample alone, and begun at rest; of each trial the best, and with a bristle the best around it.
+    None where they cannot be simulated."""
     at, widths = (first.u, first.u), problem.resolutions
     tries = [(first, widths[-count:]) for count in sorted({1, min(2, len(widths)), len(widths)})]
     ends = [end for state, own in tries if (end := coarse_to_fine(evaluate, state, at, own))]
@@ -91,7 +101,8 @@ def _own_unknowns(problem: Problem, evaluate: Evaluate, first: State) -> State |
         return None
     best = min(ends, key=lambda end: end.state.cost)
     begun = [coarse_to_fine(evaluate, state, at, widths[-1:]) for state in beginnings(problem, best.state)]
-    return assembled(evaluate, best, [end.state.locals for end in (*ends, *begun) if end is not None], at).state
+    best = assembled(evaluate, best, [end.state.locals for end in (*ends, *begun) if end is not None], at)
+    return lowest_of_trials(evaluate, alone, best, at, widths) if problem.simulator.bristles else best
 
 
 def _held_out(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], State, Evaluate] | None:

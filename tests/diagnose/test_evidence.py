@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from test_diagnosis import recorded
 
+from frictionpinn.diagnose import held_out
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.fit import Fit
 from frictionpinn.diagnose.held_out import check, surprise
-from frictionpinn.physics import LAWS
+from frictionpinn.identify import Problem
+from frictionpinn.numerics.descent import Solution
+from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+from wide_draw import draw
 
 
 def bench_of(held_out: int) -> Bench:
@@ -62,3 +71,23 @@ def test_checking_a_fit_leaves_its_parameters_as_they_are(bench):
 def test_without_held_out_trials_there_is_nothing_to_say():
     bench = bench_of(0)
     assert check(bench, bench.base) is None and surprise(bench, bench.base) is None
+
+
+def test_a_held_out_trial_is_not_judged_by_a_minimum_that_its_bristle_makes():
+    case = draw(52, effects=False)  # the bristle's first bend at which searches end costs this trial twice the noise
+    mechanism = Mechanism(SYSTEMS[case.system](**case.parameters), LAWS[case.law]())
+    whole = Problem(mechanism, case.recording.select(case.held_out), sigmas=case.sigmas)
+    problem = whole.varied(values=case.truth, limits=whole.space.reaching(case.truth), prior=False)
+    u = problem.space.to_search(case.truth)
+    models = problem.models_at(u)
+    evaluate = problem.evaluator(models)
+    first = evaluate(u, tuple(model.local for model in models), True)
+    found = held_out._own_unknowns(problem, evaluate, problem.apart(models), first)
+    count = sum(r.size for piece in found.state.pieces for r in piece.residuals.values())
+    assert 2 * found.state.cost < 1.1 * count
+
+
+def test_where_the_parameters_may_move_a_trial_shows_its_way_out_of_a_wrong_minimum(bench, monkeypatch):
+    right = check(bench, bench.base).state.cost
+    monkeypatch.setattr(held_out, "_own_unknowns", lambda problem, evaluate, alone, first: Solution(first, "wrong"))
+    assert check(bench, bench.base).state.cost < right + 0.1
