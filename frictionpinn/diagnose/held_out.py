@@ -61,8 +61,11 @@ def _judged(bench: Bench, fit: Fit) -> tuple[Fit, Surprise] | None:
         return None
     problem, models, first, plain = found
     at, limits, widths = first.u, problem.space.limits, problem.resolutions
-    held, moved = _own_unknowns(problem, plain, problem.apart(models, fit.sigmas), first), None
-    if held is not None and fit.state.curved:
+    held = _own_unknowns(problem, plain, problem.apart(models, fit.sigmas), first)
+    if held is None:
+        return None
+    moved = None
+    if fit.state.curved:
         S = reduced(fit.state)[0] + FAINT * np.eye(len(at))
 
         def known(state: State) -> State:
@@ -84,8 +87,6 @@ def _judged(bench: Bench, fit: Fit) -> tuple[Fit, Surprise] | None:
             best = assembled(evaluate, ends[0], offered, limits).state
             held = assembled(plain, held, [own[:-1] for own in carried([best], at, limits)], (at, at))
             moved = best.cost + 0.5 * float(np.linalg.slogdet(reduced(best)[0])[1] - np.linalg.slogdet(S)[1])
-    if held is None:
-        return None
     cost = held.state.cost
     return replace(fit, models=models, state=held.state, minima=()), Surprise(cost, cost if moved is None else moved)
 
