@@ -23,11 +23,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-compiled = njit(cache=True, error_model="numpy")  # what no bristle can be (T = 0) gives no number, and no error
+_compiled = njit(cache=True, error_model="numpy")  # what no bristle can be (T = 0) gives no number, and no error
 SMALL = 1e-4  # below it (1 - exp(-x)) / x and its derivative are taken from their series
 
 
-@compiled
+@_compiled
 def place(grid, w, N):
     """Cell and shares of a point: i, j, x, y and dx/dw. grid: v0, first and step of asinh(w / v0), first N and step."""
     position = (np.arcsinh(w / grid[0]) - grid[1]) / grid[2]
@@ -36,7 +36,7 @@ def place(grid, w, N):
     return position, slope, load
 
 
-@compiled
+@_compiled
 def cell(position, count):
     """Cell and share of a position on a line of knots, held at the ends; whether it lies inside."""
     inside = 0.0 < position < count - 1.0
@@ -45,7 +45,7 @@ def cell(position, count):
     return i, position - i, inside
 
 
-@compiled
+@_compiled
 def look(table, i, x, j, y):
     """Bilinear interpolation, and its derivative in x."""
     low = (1 - y) * table[i, j] + y * table[i, j + 1]
@@ -53,7 +53,7 @@ def look(table, i, x, j, y):
     return low + x * (high - low), high - low
 
 
-@compiled
+@_compiled
 def spread(into, i, x, j, y, amount):
     """Transpose of :func:`look`."""
     into[i, j] += (1 - x) * (1 - y) * amount
@@ -62,7 +62,7 @@ def spread(into, i, x, j, y, amount):
     into[i + 1, j + 1] += x * y * amount
 
 
-@compiled
+@_compiled
 def power(b, n):
     """b^n for b >= 0; 0 at b = 0."""
     if n == 1.0:
@@ -70,7 +70,7 @@ def power(b, n):
     return b**n if b > 0.0 else 0.0
 
 
-@compiled
+@_compiled
 def forward(v, N, A, h, start, gate, z0, off, tables, grid, elements, gain, mobility, steps, moving, path):
     """Force, slip velocity (before it is corrected) and states at every sample.
 
@@ -125,7 +125,7 @@ def forward(v, N, A, h, start, gate, z0, off, tables, grid, elements, gain, mobi
     return force, slip, states, reached
 
 
-@compiled
+@_compiled
 def seen_load(N, more, X):
     """Load that a state follows over a step in which the load goes from N to N + more and X is |w| d / s.
 
@@ -138,7 +138,7 @@ def seen_load(N, more, X):
     return N + more * (1 - (1 - E) / X) / (1 - E)
 
 
-@compiled
+@_compiled
 def stretch(w, N, more, z, tables, grid, elements, d):
     """Moves the states on by d, in place: slip velocity of the middle, a load that goes from N to N + more."""
     position, _, height = place(grid, w, N)
@@ -155,7 +155,7 @@ def stretch(w, N, more, z, tables, grid, elements, d):
         z[e] = z[e] * E + w * d * ((1 - E) / X if X > SMALL else 1 - X / 2)
 
 
-@compiled
+@_compiled
 def stretch_back(w, N, more, z, tables, grid, elements, d, z_bar, tables_bar, elements_bar):
     """Turns the gradient in the states after :func:`stretch` into that in those before, z; returns that in w.
 
@@ -192,7 +192,7 @@ def stretch_back(w, N, more, z, tables, grid, elements, d, z_bar, tables_bar, el
     return w_bar
 
 
-@compiled
+@_compiled
 def force_of(w, N, z, tables, grid, elements):
     """F of slip velocity, load and states, see above."""
     position, _, height = place(grid, w, N)
@@ -214,7 +214,7 @@ def force_of(w, N, z, tables, grid, elements):
     return total
 
 
-@compiled
+@_compiled
 def reach_of(w, N, tables, grid, elements, out):
     """Writes s of every element, shape (K,)."""
     position, _, height = place(grid, w, N)
@@ -225,7 +225,7 @@ def reach_of(w, N, tables, grid, elements, out):
         out[e] = elements[2, e] + N * T
 
 
-@compiled
+@_compiled
 def rates_of(w, N, z, tables, grid, elements, out):
     """Writes F and z' of slip velocity, load and states, shape (K + 1,)."""
     position, _, height = place(grid, w, N)
@@ -238,7 +238,7 @@ def rates_of(w, N, z, tables, grid, elements, out):
         out[1 + e] = w - abs(w) * np.sign(z[e]) * power(b, elements[3, e])
 
 
-@compiled
+@_compiled
 def force_back(f, w, N, z, tables, grid, elements, z_bar, tables_bar, elements_bar):
     """Adds f dF to the gradients in states, tables and elements; returns that in the slip velocity."""
     position, slope, height = place(grid, w, N)
@@ -281,7 +281,7 @@ def force_back(f, w, N, z, tables, grid, elements, z_bar, tables_bar, elements_b
     return w_bar
 
 
-@compiled
+@_compiled
 def backward(
     f_bar, v_bar, v, N, A, h, start, gate, z0, tables, grid, elements, gain, mobility, steps, moving, path, told
 ):
