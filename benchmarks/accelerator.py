@@ -2,10 +2,12 @@
 
     python benchmarks/accelerator.py [--models bb1 bb2 pe1 pe2] [--memory windows state] [--whole] [--members 64]
 
-Of each variant, from the same weights on both: the loss and its gradient at the start; the friction force on the
-held-out trials after so many epochs of train.py, relative to the force's root mean square, beside what rounding alone
-makes of it (the CPU with one thread instead of all, or with the start moved by a part in 10^7); the epoch's time. With
---whole the force error and seconds of default trainings. --members: so many networks as one program, ms per epoch.
+Of each variant, from the same weights on both: the loss and its gradient at the start with every weight moved by a
+tenth (PE1 and PE2 with memory start in the minimum of their loss, where a gradient is nothing but rounding); the
+friction force on the held-out trials after so many epochs of train.py, relative to the force's root mean square, beside
+what rounding alone makes of it (the CPU with one thread instead of all, or with the start moved by a part in 10^7), and
+of those with memory the same with weights in double precision; the epoch's time. With --whole the force error and
+seconds of default trainings. --members: so many networks as one program, ms per epoch.
 Writes benchmarks/results/accelerator.txt. --other cpu compares the CPU with itself, which tries the program out.
 """
 
@@ -63,6 +65,15 @@ def after(cfg: dict, data: Any, model: Any, accelerator: str, epochs: int) -> tu
     return own.to("cpu"), told["seconds"]["training"]
 
 
+def moved(model: Any, share: float) -> Any:
+    """A copy whose weights are so much larger or smaller, at random."""
+    own, chance = copy.deepcopy(model), torch.Generator().manual_seed(1)
+    with torch.no_grad():
+        for p in own.parameters():
+            p.mul_(1 + share * torch.randn(p.shape, generator=chance))
+    return own
+
+
 def force(model: Any, data: Any) -> np.ndarray:
     return np.concatenate([model.predict_trial(trial)["force"] for trial in data.select("held_out")])
 
@@ -76,23 +87,22 @@ def of_variant(name: str, memory: str, other: str, whole: bool) -> str:
     """One row of the table."""
     cfg, data, model = setup(name, memory)
     batch, device = data.batches["train"], "cuda" if other == "gpu" else "cpu"
-    here, there = slope(model, batch, "cpu"), slope(model, batch, device)
+    here, there = (slope(moved(model, 0.1), batch, place) for place in ("cpu", device))
     told = [abs(there[0] / here[0] - 1), apart(there[1:], here[1:])]
     cpu, slow = after(cfg, data, model, "cpu", EPOCHS)
     accelerated, fast = after(cfg, data, model, other, EPOCHS)
-    moved = copy.deepcopy(model)
-    with torch.no_grad():
-        for p in moved.parameters():
-            p.mul_(1 + 1e-7 * torch.randn(p.shape, generator=torch.Generator().manual_seed(1)))
+    doubled = [after(cfg, data, copy.deepcopy(model).double(), place, EPOCHS)[0] for place in (other, "cpu")
+               if memory == "state"]  # fmt: skip
     torch.set_num_threads(1)
-    rounded = [after(cfg, data, start, "cpu", EPOCHS)[0] for start in (model, moved)]
+    rounded = [after(cfg, data, start, "cpu", EPOCHS)[0] for start in (model, moved(model, 1e-7))]
     torch.set_num_threads(ALL)
     reached = force(cpu, data)
     told += [apart(force(accelerated, data), reached), max(apart(force(own, data), reached) for own in rounded)]
+    double = f"{apart(*(force(own, data) for own in doubled)):12.1e}" if doubled else 12 * " "
     row = f"{name + '+' * (memory == 'state') + 'memory' * (memory == 'state'):14s}" + "".join(
         f"{x:12.1e}" for x in told
     )
-    row += f"{1e3 * slow / EPOCHS:12.1f}{1e3 * fast / EPOCHS:10.1f}"
+    row += f"{double}{1e3 * slow / EPOCHS:12.1f}{1e3 * fast / EPOCHS:10.1f}"
     if whole:
         for accelerator in ("cpu", other):
             own, seconds = after(cfg, data, model, accelerator, int(cfg["trainer"]["max_epochs"]))
@@ -148,7 +158,7 @@ def main() -> None:
         f"{device} against a CPU with {ALL} cores; Python {platform.python_version()}, torch {torch.__version__}",
         "",
         f"{'relative differences':14s}{'loss':>6s}{'gradient':>12s}{f'after {EPOCHS}':>12s}{'rounding':>12s}"
-        f"{'CPU, ms':>12s}{'GPU, ms':>10s}" + "   CPU, s      N^2    GPU, s      N^2" * given.whole,
+        f"{'in double':>12s}{'CPU, ms':>12s}{'GPU, ms':>10s}" + "   CPU, s      N^2    GPU, s      N^2" * given.whole,
     ]
 
     def told(line: str) -> None:
