@@ -16,7 +16,8 @@ from ..identify.likelihood import minima_around
 from ..identify.problem import Problem
 from ..identify.tether import Path, Seen, followed, tethered
 from ..identify.trial import TrialModel
-from ..numerics.descent import coarse_to_fine
+from ..numerics.descent import ENDED, GIVEN, Solution, coarse_to_fine
+from ..numerics.minima import assembled, carried
 from ..numerics.parallel import in_parallel
 from ..numerics.quadratic import moved, reduced
 from ..numerics.simulate import Part, Simulation, Simulator
@@ -206,7 +207,7 @@ class Bench:
             return None
         state = minima[0].state
         return Fit(problem.names, problem.values(state.u), models, state, sigmas, widths[-1], fit.span,
-                   tuple(minima) if around else ())  # fmt: skip
+                   tuple(minima) if around else (), minima[0].reason == ENDED)  # fmt: skip
 
     def imitated(
         self, fit: Fit, names: Sequence[str], values: Mapping[str, float], limits: Ranges | None = None
@@ -256,10 +257,22 @@ class Bench:
                 break
             for end, _ in ends[:1]:
                 found = self.refit(replace(fit, state=end.state), fit.names, problem.values(end.state.u), limits=limits)
-                best = found if found is not None and found.cost < best.cost else best
+                best = best if found is None else self.together((best, found), limits)
             if best is not fit and best.white:
                 break
         return best
+
+    def together(self, fits: Iterable[Fit], limits: Ranges | None = None) -> Fit:
+        """The lowest of fits of the same parameters, or the lower one that begins with each trial's own unknowns from
+        the fit that fits that trial best."""
+        best, *others = sorted(fits, key=lambda fit: fit.cost)
+        if not others:
+            return best
+        problem = self.problem_of(self.problem, best.names, best.values, best.models[0].simulator, limits)
+        evaluate, bounds = problem.evaluator(best.models, best.sigmas), problem.space.limits
+        offered = carried([fit.state for fit in others], best.state.u, bounds)
+        state = assembled(evaluate, Solution(best.state, GIVEN), offered, bounds).state
+        return best if state is best.state else replace(best, values=problem.values(state.u), state=state)
 
     def _simulated(self, fit: Fit, models: Sequence[TrialModel]) -> tuple[TrialModel, ...]:
         """The models with what the fit says of every signal in the place of what was measured."""

@@ -84,12 +84,16 @@ class Contender:
 def refitted(
     bench: Bench, before: Fit, asked: Sequence[tuple[Tested, list[Tested]]], settings: Settings
 ) -> list[Contender]:
-    """The candidates' fits, the best first, each from the resolution at which it was tested to the sample. Where one
-    gains much less than its score test promised, what that did not tell from it is fitted beside it."""
+    """The candidates' fits, the best first, each from the resolution at which it was tested to the sample: from the
+    coarse one, too, where a search at the sample comes to no end. Where one gains much less than its score test
+    promised, what that did not tell from it is fitted beside it."""
 
     def refit(tested: Tested) -> Fit | None:
         fit = None if tested.width else add(bench, before, tested, [0.0])
-        return add(bench, before, tested, bench.from_coarse) if fit is None else fit
+        if fit is not None and fit.ended:
+            return fit
+        made = [f for f in (fit, add(bench, before, tested, bench.from_coarse)) if f is not None]
+        return bench.together(made, reach(tested)) if made else None
 
     def refits(tests: Sequence[Tested]) -> list[tuple[Tested, Fit | None]]:
         fits = in_parallel(lambda k: refit(tests[k]), [1.0] * len(tests), "effects fitted")
@@ -99,15 +103,16 @@ def refitted(
     less = [fit is None or before.state.cost - fit.state.cost < settings.promise * t.statistic / 2 for t, fit in made]
     beside = {t.candidate.name: t for (_, group), short in zip(asked, less, strict=True) if short for t in group}
     made += refits([t for name, t in beside.items() if name not in {t.candidate.name for t, _ in made}])
-    return _lowest(Contender(t, fit) for t, fit in made if fit is not None)
+    return _lowest(bench, (Contender(t, fit) for t, fit in made if fit is not None))
 
 
-def _lowest(found: Iterable[Contender]) -> list[Contender]:
-    """The best fit of each candidate, the best first."""
-    best: dict[str, Contender] = {}
+def _lowest(bench: Bench, found: Iterable[Contender]) -> list[Contender]:
+    """The best fit of each candidate, of each trial the best that its fits have, the best first."""
+    fits: dict[str, list[Contender]] = {}
     for c in sorted(found, key=lambda c: c.fit.cost):
-        best.setdefault(c.candidate.name, c)
-    return list(best.values())
+        fits.setdefault(c.candidate.name, []).append(c)
+    best = [replace(own[0], fit=bench.together([c.fit for c in own], reach(own[0].tested))) for own in fits.values()]
+    return sorted(best, key=lambda c: c.fit.cost)
 
 
 def exchanged(head: Contender, own: Tested) -> dict[str, float]:
@@ -166,9 +171,10 @@ def judged(
     # Of what was tested twice the test at the sample, which comes first, is taken.
     classes = [{t.candidate.name: t for t in (head, *group)} for head, group in asked[::-1]]
     out, afresh = set[str](), dict[str, float]()  # what is refused, and what a fit afresh came to
+    once = {c.candidate.name: c.fit.state.cost for c in left}  # what a first refit came to
     while left := [c for c in left if c.candidate.name not in out]:
         alike = [{n: t for n, t in members.items() if n not in out} for members in classes]
-        left = _as_near(bench, before, left, alike, afresh, settings)
+        left = _as_near(bench, before, left, alike, once, afresh, settings)
         for c in left:
             gain, need = before.state.cost - c.fit.state.cost, needed(c.tested, settings)
             if gain < need:
@@ -201,7 +207,7 @@ def in_place(
 ) -> tuple[Contender, list[Contender]]:
     """An effect of a model, or the candidate that explains more in its place, and the rivals of which the evidence is
     about as good; ``names`` are the parameters that are estimated beside it."""
-    found = _lowest([own, *_imitations(bench, names, [(own, t) for t in others])])
+    found = _lowest(bench, [own, *_imitations(bench, names, [(own, t) for t in others])])
     near = _checked(bench, [c for c in found if c.fit.cost < found[0].fit.cost + settings.told_apart])
     return _preferred([c for c in near if c.surprise is not None] or near, settings)
 
@@ -229,19 +235,22 @@ def _as_near(
     before: Fit,
     found: Sequence[Contender],
     classes: Sequence[Mapping[str, Tested]],
+    once: Mapping[str, float],
     done: dict[str, float],
     settings: Settings,
 ) -> list[Contender]:
     """Contenders, and what the score tests do not tell from those about as good as the best, the best first.
 
     None is judged by a minimum that another was spared, nor by that of the model without it. One that falls short of
-    what its score test promises, and promises as much as the best one gains, is fitted afresh, unless its like was and
-    came to as much (``done``). What the tests do not tell from one about as good as the best, but is fitted worse, is
-    fitted from where its motion is nearest to its like's: as long as that brings a better one.
+    what its score test promises, and promises as much as the best one gained when all were refitted the first time
+    (``once``), is fitted afresh, unless its like was and came to as much (``done``). What the tests do not tell from
+    one about as good as the best, but is fitted worse, is fitted from where its motion is nearest to its like's: as
+    long as that brings a better one.
     """
 
     def short(c: Contender) -> bool:
-        gain, best = (before.state.cost - fit.state.cost for fit in (c.fit, found[0].fit))
+        gain = before.state.cost - c.fit.state.cost
+        best = before.state.cost - min(once.get(o.candidate.name, np.inf) for o in found)
         tested = c is found[0] or not c.tested.width  # what a coarse resolution promises, no other one keeps
         return tested and c.tested.statistic / 2 > max(gain + settings.told_apart, best - settings.told_apart)
 
@@ -253,7 +262,7 @@ def _as_near(
             again = replace(anew[0], fit=bench.afresh(anew[0].fit, reach(anew[0].tested)))
             alike = {own.name}.union(*(members for members in classes if own.name in members))
             done |= dict.fromkeys(alike, again.fit.cost)
-            found = found if impossible(bench, own, again.fit.values) else _lowest([*found, again])
+            found = found if impossible(bench, own, again.fit.values) else _lowest(bench, [*found, again])
         head, costs = found[0], {c.candidate.name: c.fit.cost for c in found}
         near = [c for c in found if c.fit.cost < head.fit.cost + settings.told_apart]
         pairs = dict[str, tuple[Contender, Tested]]()
@@ -261,7 +270,7 @@ def _as_near(
             for like in [c for c in near if c.candidate.name in members][:1]:
                 worse, like = like.fit.cost + settings.tied, replace(like, tested=members[like.candidate.name])
                 pairs |= {n: (like, t) for n, t in members.items() if costs.get(n, np.inf) > worse}
-        found = _lowest([*found, *_imitations(bench, before.names, list(pairs.values()))])
+        found = _lowest(bench, [*found, *_imitations(bench, before.names, list(pairs.values()))])
         if found[0].fit.cost > head.fit.cost - settings.tied:
             return found
 

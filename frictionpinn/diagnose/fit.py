@@ -40,6 +40,7 @@ class Fit:
         width: resolution in time at which model and measurement were compared, s; 0: sample by sample.
         span: time over which what a model lacks may stay correlated, s.
         minima: of the likelihood around it, where they were looked for, best first.
+        ended: whether the search for it came to an end.
     """
 
     names: tuple[str, ...]
@@ -50,6 +51,7 @@ class Fit:
     width: float = 0.0
     span: float = 0.0
     minima: tuple[Solution, ...] = ()
+    ended: bool = True
 
     @property
     def locals(self) -> tuple[np.ndarray, ...]:

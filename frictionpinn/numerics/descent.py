@@ -25,9 +25,10 @@ MOVES = 50  # times at most are stops moved, a budget: each gains that much in a
 ROUGHLY: dict[str, Any] = {"iterations": 20, "decrease": 0.1}  # of a search at a coarse resolution
 CLOSELY: dict[str, Any] = {"iterations": 20, "decrease": 0.03}  # at the sample; noise levels are refined afterwards
 
-# Reasons of solutions that no descent ended: values to start from, a budget spent, a minimum that is known; and of one
-# that came to no end.
-GIVEN, BUDGET, KNOWN, UNFINISHED = "as given", "budget", "known", "too many iterations"
+# Reasons of solutions that no descent ended: values to start from, a budget spent, a minimum that is known; of one that
+# came to an end, and to none.
+GIVEN, BUDGET, KNOWN = "as given", "budget", "known"
+ENDED, UNFINISHED = "converged", "too many iterations"
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def _descended(
         worth = decrease * state.unit
         full = _step(state, 0.0, limits)
         if full is not None and abs(full[2]) < worth:
-            return Solution(state, "converged")
+            return Solution(state, ENDED)
         if full is not None and any(minimum.holds(state.u + full[0], state.cost - full[2]) for minimum in known):
             return Solution(state, KNOWN)
         rejected, held = 0, frozenset[int]()
@@ -163,7 +164,7 @@ def _descended(
             return Solution(replace(better, pieces=state.pieces), "stuck")
         state = found
         if small > 1:
-            return Solution(state, "converged")
+            return Solution(state, ENDED)
     return Solution(state, UNFINISHED)
 
 

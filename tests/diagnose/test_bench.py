@@ -12,6 +12,7 @@ from test_diagnosis import recorded
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.diagnose import bench as benches
+from frictionpinn.diagnose import contenders
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.candidates import candidates, scales
 from frictionpinn.diagnose.fit import Fit
@@ -133,6 +134,52 @@ def test_a_fit_in_a_wrong_minimum_is_found_again_from_the_declared_start(pushed)
     again = pushed.afresh(wrong)
     assert again.state.cost == pytest.approx(right.state.cost, abs=0.5)
     assert again.values["constant_force"] == pytest.approx(FORCE, rel=0.1)
+
+
+def test_of_two_fits_each_wrong_in_another_trial_one_is_put_together_that_is_right_in_both(pushed):
+    right = pushed.refit(pushed.base, (*pushed.declared, "constant_force"), pushed.base.values)
+    problem = pushed.problem_of(pushed.problem, right.names, right.values, right.models[0].simulator)
+
+    def begun_wrong(trial: int) -> Fit:
+        own = [1.5 * local if k == trial else local for k, local in enumerate(right.locals)]
+        return replace(right, state=problem.evaluator(right.models, right.sigmas)(right.state.u, own, True))
+
+    one, other = begun_wrong(0), begun_wrong(1)
+    assert min(one.state.cost, other.state.cost) > right.state.cost + 10
+    assert pushed.together((one, other)).state.cost == pytest.approx(right.state.cost, abs=0.5)
+
+
+def test_what_promised_as_much_as_the_best_one_gained_at_first_is_fitted_afresh_as_the_best_one_was(monkeypatch):
+    def fit(cost: float) -> SimpleNamespace:
+        return SimpleNamespace(cost=cost, state=SimpleNamespace(cost=cost), values={})
+
+    def contender(name: str, promise: float, cost: float) -> contenders.Contender:
+        candidate = SimpleNamespace(name=name, hidden=())
+        return contenders.Contender(SimpleNamespace(candidate=candidate, width=0.0, statistic=2 * promise), fit(cost))
+
+    monkeypatch.setattr(contenders, "impossible", lambda *a: "")
+    found = [
+        contender("asymmetry", 320.0, 210.0),
+        contender("constant_force", 330.0, 215.0),
+        contender("drag", 60.0, 380.0),
+    ]
+    lower, asked = {210.0: 60.0, 215.0: 40.0, 60.0: 60.0, 40.0: 40.0}, []
+
+    def afresh(at: SimpleNamespace, limits) -> SimpleNamespace:
+        asked.append(at.cost)
+        return fit(lower[at.cost])
+
+    bench = SimpleNamespace(afresh=afresh, together=lambda fits, limits: min(fits, key=lambda fit: fit.cost))
+    classes = [{c.candidate.name: c.tested} for c in found]
+    once = {c.candidate.name: c.fit.cost for c in found}
+    before = SimpleNamespace(state=SimpleNamespace(cost=400.0), names=())
+    left = contenders._as_near(bench, before, found, classes, once, {}, Settings())
+    assert [(c.candidate.name, c.fit.cost) for c in left] == [
+        ("constant_force", 40.0),
+        ("asymmetry", 60.0),
+        ("drag", 380.0),
+    ]
+    assert asked == [210.0, 215.0]
 
 
 def test_where_an_effect_leads_out_of_a_wrong_minimum_the_model_without_it_follows():
