@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..data.inspect import no_slip
-from ..numerics.descent import Solution
+from ..numerics.descent import ENDED, Solution
 from ..numerics.quadratic import State
 from ..physics.base import at_contact, plain_name
 from ..show import Shown, Table, interval, readable_unit
@@ -266,7 +266,7 @@ def verdict(
             f"residuals{span}: the model lacks something (diagnose.py says what), its inputs are filtered, or a lower "
             "minimum was not found; intervals are widened for the correlation"
         )
-    outcome = CONVERGED if reason in ("converged", "stuck") else STOPPED
+    outcome = CONVERGED if reason in (ENDED, "stuck") else STOPPED
     outcome = outcome if white else UNEXPLAINED
     outcome = AT_BOUND if at_bound else UNIDENTIFIED if hidden or open_ended else outcome
     outcome = outcome if slides and not still and len(hidden) < len(p) else NO_EXCITATION

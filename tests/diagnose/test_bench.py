@@ -17,6 +17,7 @@ from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.candidates import candidates, scales
 from frictionpinn.diagnose.fit import Fit
 from frictionpinn.diagnose.select import Settings, select
+from frictionpinn.numerics import descent
 from frictionpinn.numerics.quadratic import State
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
 from frictionpinn.physics.contacts import law_named
@@ -147,6 +148,26 @@ def test_of_two_fits_each_wrong_in_another_trial_one_is_put_together_that_is_rig
     one, other = begun_wrong(0), begun_wrong(1)
     assert min(one.state.cost, other.state.cost) > right.state.cost + 10
     assert pushed.together((one, other)).state.cost == pytest.approx(right.state.cost, abs=0.5)
+
+
+@pytest.mark.parametrize(("steps", "asked"), [(20, [[0.0]]), (1, [[0.0], "coarse"])])
+def test_a_refit_that_comes_to_no_end_at_the_sample_begins_at_the_coarse_resolution_too(
+    pushed, monkeypatch, steps, asked
+):
+    add, widths = contenders.add, []
+
+    def seen(bench, fit, tested, own):
+        widths.append("coarse" if own == bench.from_coarse else own)
+        return add(bench, fit, tested, own)
+
+    monkeypatch.setattr(contenders, "add", seen)
+    monkeypatch.setitem(descent.CLOSELY, "iterations", steps)
+    candidate = SimpleNamespace(name="constant_force", strengths=("constant_force",), hidden=())
+    shape = {"width": 0.0, "untested": False, "shape": {}, "step": {"constant_force": FORCE}, "statistic": 0.0}
+    head = SimpleNamespace(candidate=candidate, **shape)
+    (found,) = contenders.refitted(pushed, pushed.base, [(head, [])], Settings())
+    assert widths == asked
+    assert found.fit.state.cost < pushed.base.state.cost - 10
 
 
 def test_what_promised_as_much_as_the_best_one_gained_at_first_is_fitted_afresh_as_the_best_one_was(monkeypatch):
