@@ -244,9 +244,12 @@ class Bench:
         return replace(fit, state=replace(fit.state, locals=min(near, key=lambda s: s.cost).locals)) if near else fit
 
     def afresh(self, fit: Fit, limits: Ranges | None = None) -> Fit:
-        """The fit, or the lower one that the search finds with which the declared model's began: from its start with
-        the effects as they are, the whole trials held to the motion that was measured and let go of."""
-        values = fit.values | {name: self.problem.start[name] for name in self.declared}
+        """The fit, or the lower one that the search finds with which the declared model's began: from its start and
+        neutral effects, the whole trials held to the motion that was measured and let go of. With the law of the start
+        an effect as strong as the fit has it may lift a body off."""
+        strengths = [par for par in self.tested.parameters if par.neutral is not None and not par.hidden]
+        neutral = {par.name: par.neutral for par in strengths if par.name in fit.names}
+        values = fit.values | neutral | {name: self.problem.start[name] for name in self.declared}
         problem = self.problem_of(self.problem, fit.names, values, fit.models[0].simulator, limits)
         held, best, u, seen = tethered(problem), fit, problem.space.to_search(values), Seen()
         for coarse in (False, True):

@@ -137,6 +137,13 @@ def test_a_fit_in_a_wrong_minimum_is_found_again_from_the_declared_start(pushed)
     assert again.values["constant_force"] == pytest.approx(FORCE, rel=0.1)
 
 
+def test_a_fit_is_found_again_from_a_strength_with_which_no_trial_can_be_simulated(pushed):
+    right = pushed.refit(pushed.base, (*pushed.declared, "constant_force"), pushed.base.values)
+    wrong = gone_wrong(pushed, right, 3.0)
+    again = pushed.afresh(replace(wrong, values=wrong.values | {"constant_force": 1e300}))
+    assert again.state.cost == pytest.approx(right.state.cost, abs=0.5)
+
+
 def test_of_two_fits_each_wrong_in_another_trial_one_is_put_together_that_is_right_in_both(pushed):
     right = pushed.refit(pushed.base, (*pushed.declared, "constant_force"), pushed.base.values)
     problem = pushed.problem_of(pushed.problem, right.names, right.values, right.models[0].simulator)
