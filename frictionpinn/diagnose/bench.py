@@ -14,7 +14,7 @@ from ..data.recording import Recording
 from ..errors import UserError
 from ..identify.likelihood import minima_around
 from ..identify.problem import Problem
-from ..identify.tether import Path, Seen, followed, tethered
+from ..identify.tether import Path, Seen, followed, regained, tethered
 from ..identify.trial import TrialModel
 from ..numerics.descent import ENDED, GIVEN, Solution, coarse_to_fine
 from ..numerics.minima import assembled, carried
@@ -264,6 +264,20 @@ class Bench:
             if best is not fit and best.white:
                 break
         return best
+
+    def regained(self, fit: Fit, limits: Ranges | None = None) -> Fit:
+        """The fit, or the lower one in which no trial lags behind the others, see
+        :func:`frictionpinn.identify.tether.regained`."""
+        problem = self.problem_of(self.problem, fit.names, fit.values, fit.models[0].simulator, limits)
+        held = tethered(problem)
+        try:
+            found = None if held is None else regained(problem, held, fit.sigmas, (fit.state, fit.models))
+        except np.linalg.LinAlgError:  # derivatives that overflow
+            return fit
+        if found is None:
+            return fit
+        state = found.state
+        return replace(fit, values=problem.values(state.u), state=state, ended=found.reason == ENDED)
 
     def together(self, fits: Iterable[Fit], limits: Ranges | None = None) -> Fit:
         """The lowest of fits of the same parameters, or the lower one that begins with each trial's own unknowns from

@@ -213,7 +213,7 @@ class Problem:
         *,
         joint: bool | None = None,
         prior: bool = True,
-        width: float = 0.0,
+        width: float | Sequence[float] = 0.0,
         steps: float = np.inf,
         **options: Any,
     ) -> Evaluate:
@@ -228,7 +228,8 @@ class Problem:
             sigmas: signal -> noise standard deviation, SI units; by default the problem's.
             joint: whether the inputs' coefficients are among the unknowns; by default the problem's.
             prior: whether the prior is counted; without it the cost is that of the data alone.
-            width: resolution in time at which model and data are compared, s; 0: sample by sample.
+            width: resolution in time at which model and data are compared, s, of all trials or of each; 0: sample by
+                sample.
             steps: of the integrator, all trials together, after which nothing is simulated any longer; those of this
                 evaluator are counted, which then is for one search.
             options: of the simulator.
@@ -240,15 +241,16 @@ class Problem:
             if spent > steps:
                 return None
             p, change, names = self.values(u), self.space.jacobian(u), self.names if derivatives else ()
-            loss = self.coarse_loss if width else self.loss
+            widths = np.broadcast_to(width, len(models))
             runs = [None] * len(models) if ran is None else [part.run for part in ran.pieces]
             if not derivatives or any(run is None for run in runs):
                 self._calls.append(len(models) / len(self.trials))
             own, taken = options | more, [0] * len(models)
 
             def piece(k: int) -> Piece | None:
+                loss = self.coarse_loss if widths[k] else self.loss
                 try:
-                    found = models[k].evaluate(p, locals_[k], sigmas, loss, names, joint, runs[k], width, **own)
+                    found = models[k].evaluate(p, locals_[k], sigmas, loss, names, joint, runs[k], widths[k], **own)
                 except (ContactLost, SimulationFailed) as failure:
                     taken[k] = failure.steps
                     return None

@@ -22,13 +22,15 @@ from itertools import pairwise
 
 import numpy as np
 import sympy as sp
+from scipy.stats import f
 
 from ..numerics.descent import CLOSELY, GIVEN, KNOWN, NEAR, ROUGHLY, UNFINISHED, Solution, levenberg_marquardt
 from ..numerics.motion import Motion
 from ..numerics.parallel import in_parallel
 from ..numerics.paths import InputPath, cubic
-from ..numerics.quadratic import Evaluate, Known, State, same_minimum
+from ..numerics.quadratic import SAME_MINIMUM, Evaluate, Known, State, same_minimum
 from ..numerics.simulate import ContactLost, SimulationFailed, Simulator
+from ..numerics.whiteness import SIGNIFICANCE
 from ..physics.base import Parameter
 from ..physics.mechanism import Mechanism
 from ..physics.system import Coordinate
@@ -47,7 +49,8 @@ HALVED = 4  # times at most is a step from one tether to the next halved, a budg
 SLOPPY = {"rtol": 1e-3, "atol": 1e-4}  # errors of a step in ranking starts: far below what these differ by
 
 Stage = tuple[float, float]  # tether, 1/s, and resolution in time, s
-Found = tuple[Solution, tuple[TrialModel, ...]]  # where a search ended, and the models of the trials there
+Begun = tuple[State, tuple[TrialModel, ...]]  # where a search begins, and the models of the trials there
+Found = tuple[Solution, tuple[TrialModel, ...]]  # where it ended
 Seen = dict[Stage, list[Known]]  # minima of the stages that searches have been in
 
 
@@ -107,12 +110,16 @@ class Path:
         sigmas: noise standard deviations by signal, SI units.
         coarse: whether it begins at the coarsest resolution, which it must where nothing holds the motion: else at the
             sample.
+        only: the trial that is held, where it is only one, beside the others as they are in a fit.
+        beside: that fit's state, and the models of the trials there.
     """
 
     problem: Problem
     held: Problem | None
     sigmas: Mapping[str, float]
     coarse: bool = False
+    only: int | None = None
+    beside: Begun | None = None
 
     @cached_property
     def stages(self) -> tuple[Stage, ...]:
@@ -126,7 +133,17 @@ class Path:
         tether, width = stage
         if self.held is None or not tether:
             return self.problem.evaluator(models, sigmas=self.sigmas, width=width)
-        return held_by(self.held, 1 / tether, models, sigmas=self.sigmas, width=width)
+        widths = [width if self.only in (None, k) else 0.0 for k in range(len(models))]
+        return held_by(self.held, 1 / tether, models, self.only, sigmas=self.sigmas, width=widths)
+
+    def begun(self, u: np.ndarray) -> Begun | None:
+        """Trials that are held as they were measured, see :func:`begun_at`, others as they are."""
+        if self.beside is None or self.only is None:
+            return begun_at(self.problem, u)
+        state, models = self.beside
+        own, locals_ = models[self.only], list(state.locals)
+        locals_[self.only] = own.local[: own.size(self.problem.joint)]
+        return State(u, tuple(locals_), ()), models
 
 
 def lowest(path: Path, us: Sequence[np.ndarray], count: int) -> list[np.ndarray]:
@@ -154,7 +171,7 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
     rugged to begin with.
     """
     limits, last = path.problem.space.limits, path.stages[-1]
-    begun = [pair for u in us if (pair := begun_at(path.problem, u)) is not None]
+    begun = [pair for u in us if (pair := path.begun(u)) is not None]
     ends = [(Solution(state, GIVEN), models) for state, models in begun]
 
     def step(before: Stage, stage: Stage, end: Found, halved: int = 0) -> Found | None:
@@ -194,12 +211,42 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
     return ends
 
 
+def regained(problem: Problem, held: Problem, sigmas: Mapping[str, float], begun: Begun) -> Solution | None:
+    """The lower minimum in which no trial lags behind the others, see :func:`lagging`; None where there is none.
+
+    Such a trial is held to the motion that was measured and let go of anew, compared at the coarsest resolution first:
+    hardly any weight is left to it, and the parameters go where the others tell. With them it comes back.
+    """
+    found: Solution | None = None
+    state, models = begun
+    while (only := lagging(state)) is not None:
+        path = Path(problem, held, sigmas, coarse=True, only=only, beside=(state, models))
+        ends = followed(path, [state.u], path.stages, {})
+        if not ends or ends[0][0].state.cost > state.cost - SAME_MINIMUM:
+            break
+        found = ends[0][0]
+        state = found.state
+    return found
+
+
+def lagging(state: State) -> int | None:
+    """The trial that fits worst, where noise alone would hardly leave so much more in it than in the others (F-test of
+    mean squares): noise is the same in all, so that its minimum is not the model's. None where no trial lags."""
+    count, squares = np.array([piece.rows[:2] for piece in state.pieces]).T
+    k = int(np.argmax(squares / np.maximum(count, 1.0)))
+    rest, left = count.sum() - count[k], squares.sum() - squares[k]
+    if min(count[k], rest, left) <= 0:
+        return None
+    ratio = squares[k] / count[k] / (left / rest)
+    return k if len(count) * float(f.sf(ratio, count[k], rest)) < SIGNIFICANCE else None
+
+
 def _lost(held: State, free: State) -> bool:
     """Whether a trial's motion became another one."""
     return any(new.cost > LOST * old.cost for old, new in zip(held.pieces, free.pieces, strict=True))
 
 
-def begun_at(problem: Problem, u: np.ndarray) -> tuple[State, tuple[TrialModel, ...]] | None:
+def begun_at(problem: Problem, u: np.ndarray) -> Begun | None:
     """The whole trials at a search vector as they were measured, and their models; None where they cannot be."""
     try:
         models = problem.models_at(u)
@@ -221,11 +268,18 @@ def tethered(problem: Problem) -> Problem | None:
 
 
 def held_by(
-    problem: Problem, tau: float, models: Sequence[TrialModel], *, sigmas: Mapping[str, float], width: float = 0.0
+    problem: Problem,
+    tau: float,
+    models: Sequence[TrialModel],
+    only: int | None = None,
+    *,
+    sigmas: Mapping[str, float],
+    width: float | Sequence[float] = 0.0,
 ) -> Evaluate:
-    """The cost of a tethered problem's trials that begin like these models, the tether tau long, s."""
-    own = [replace(held, start=model.start, force_scales=model.force_scales)
-           for held, model in zip(problem.trials, models, strict=True)]  # fmt: skip
+    """The cost of a tethered problem's trials that begin like these models, the tether tau long, s, in all or in
+    ``only`` one of them."""
+    own = [replace(held, start=model.start, force_scales=model.force_scales) if only in (None, k) else model
+           for k, (held, model) in enumerate(zip(problem.trials, models, strict=True))]  # fmt: skip
     return problem.varied(values={RATE.name: 1 / tau}, counted=True).evaluator(own, sigmas, width=width)
 
 
