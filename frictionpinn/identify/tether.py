@@ -278,9 +278,10 @@ def held_by(
 ) -> Evaluate:
     """The cost of a tethered problem's trials that begin like these models, the tether tau long, s, in all or in
     ``only`` one of them."""
-    own = [replace(held, start=model.start, force_scales=model.force_scales) if only in (None, k) else model
+    own = [replace(held, start=model.start, force_scales=model.force_scales,
+                   own={RATE.name: 1 / tau} if only in (None, k) else {})
            for k, (held, model) in enumerate(zip(problem.trials, models, strict=True))]  # fmt: skip
-    return problem.varied(values={RATE.name: 1 / tau}, counted=True).evaluator(own, sigmas, width=width)
+    return problem.evaluator(own, sigmas, width=width)
 
 
 def tethers(problem: Problem) -> list[float]:

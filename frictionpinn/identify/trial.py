@@ -39,6 +39,7 @@ class TrialModel:
         start: start values of all states (a bristle state z as the force sigma_0 z where there is a sigma_0), by name;
             without it: steady.
         force_scales: prior standard deviation of each initial bristle force (or of z itself), by the state's name.
+        own: values of parameters that are this trial's alone, SI units.
         directions: derivatives of the input path in the inputs' coefficients; made here.
     """
 
@@ -52,6 +53,7 @@ class TrialModel:
     states: tuple[str, ...]
     start: dict[str, float]
     force_scales: Mapping[str, float] = field(default_factory=dict)
+    own: Mapping[str, float] = field(default_factory=dict)
     directions: Directions | None = None
 
     def __post_init__(self) -> None:
@@ -272,6 +274,7 @@ class TrialModel:
         Raises:
             ContactLost, SimulationFailed: the model cannot be simulated there.
         """
+        p = {**p, **self.own}
         run = self.simulate(p, local, names, joint, ran, **options)
         steps = len(run.steps) if ran is None else 0
         model = self.predict(run)

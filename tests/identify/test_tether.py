@@ -1,6 +1,7 @@
 """A mechanism held to the motion that was measured, and let go of."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,19 @@ from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem, maximum_likelihood
 from frictionpinn.identify.start import coarse_design
-from frictionpinn.identify.tether import FADING, LONGEST, RATE, Path, followed, held_by, lowest, tethered, tethers
+from frictionpinn.identify.tether import (
+    FADING,
+    LONGEST,
+    RATE,
+    Path,
+    followed,
+    held_by,
+    lagging,
+    lowest,
+    regained,
+    tethered,
+    tethers,
+)
 from frictionpinn.numerics.descent import levenberg_marquardt
 from frictionpinn.physics import SYSTEMS
 from frictionpinn.physics.contacts import by_parameter, law_named
@@ -140,21 +153,49 @@ def test_what_shows_accelerations_alone_is_not_held(box):
     assert tethered(Problem(mechanism, alone)) is None
 
 
-def test_a_load_that_barely_breaks_away_is_followed_to_where_the_truth_fits():
-    """Two bodies and a compliant coupling, the push a tenth above breakaway: let go of at once the load stays at rest,
-    and a breakaway that comes a swing of the coupling too late has a minimum of its own."""
+LOAD = ("load.mu_c", "load.mu_s", "load.v_s")
+
+
+def drive(places: list[int], seed: int) -> tuple[Problem, dict[str, float]]:
+    """Two bodies and a compliant coupling, LuGre friction on both, that of the load unknown; trials by their place."""
     config = OmegaConf.to_container(OmegaConf.load("conf/system/two_mass.yaml"), resolve=True)
     made, system = config["simulate"], SYSTEMS["two_mass"](**config["parameters"])
     mechanism = Mechanism(system, law_named(made["friction"], "friction"))
-    truth, free = by_parameter(made["truth"], mechanism.law), ("load.mu_c", "load.mu_s", "load.v_s")
-    clean = simulate_recording(system, made["friction"], truth, made["trials"][3:4], 100.0)
-    fixed = {name: value for name, value in truth.items() if name not in free}
+    truth = by_parameter(made["truth"], mechanism.law)
+    clean = simulate_recording(system, made["friction"], truth, [made["trials"][k] for k in places], 100.0)
+    fixed = {name: value for name, value in truth.items() if name not in LOAD}
+    return Problem(mechanism, GaussianNoise(0.05)(clean, seed), free=LOAD, fixed=fixed), truth
+
+
+def test_a_trial_that_lags_behind_is_held_anew_and_comes_back_with_what_the_other_one_tells():
+    problem, truth = drive([0, 3], 0)
+    wrong = problem.space.to_search(truth | {"load.mu_s": 0.35, "load.v_s": 0.15})
+    begun = problem.evaluator(problem.trials)(wrong, [m.local[: m.size(problem.joint)] for m in problem.trials], True)
+    assert lagging(begun) == 1
+    found = regained(problem, tethered(problem), problem.sigmas, (begun, problem.trials))
+    values = problem.values(found.state.u)
+    assert lagging(found.state) is None
+    assert [values[name] for name in LOAD] == pytest.approx([truth[name] for name in LOAD], rel=0.05)
+
+
+def test_trials_with_the_same_noise_do_not_lag_and_one_with_a_tenth_more_does():
+    def leaving(*sizes: float) -> SimpleNamespace:
+        return SimpleNamespace(pieces=[SimpleNamespace(rows=(2000.0, 2000.0 * size**2, 0.0)) for size in sizes])
+
+    assert lagging(leaving(1.0, 1.02, 0.99)) is None
+    assert lagging(leaving(1.0, 1.1, 1.0)) == 1
+    assert lagging(leaving(5.0)) is None
+
+
+def test_a_load_that_barely_breaks_away_is_followed_to_where_the_truth_fits():
+    """The push a tenth above breakaway: let go of at once the load stays at rest, and a breakaway that comes a swing of
+    the coupling too late has a minimum of its own."""
     for seed in (2, 5):
-        problem = Problem(mechanism, GaussianNoise(0.05)(clean, seed), free=free, fixed=fixed)
+        problem, truth = drive([3], seed)
         path = Path(problem, tethered(problem), problem.sigmas, coarse=True)
         (best, _), *_ = followed(path, [problem.space.to_search(problem.start)], path.stages, {})
         values = problem.values(best.state.u)
-        assert [values[name] for name in free] == pytest.approx([truth[name] for name in free], rel=0.02)
+        assert [values[name] for name in LOAD] == pytest.approx([truth[name] for name in LOAD], rel=0.02)
 
 
 def test_from_other_starts_resolutions_grow_finer_under_the_shortest_tether_before_it_is_let_go_of(box):
