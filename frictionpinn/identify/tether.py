@@ -186,7 +186,8 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
         if first is None:
             return None
         how = (CLOSELY if stage == last else ROUGHLY) | {"damping": 0.0 if at.reason == GIVEN else NEAR}
-        return levenberg_marquardt(evaluate, first, limits, known=seen.get(stage, ()), **how), models
+        found = levenberg_marquardt(evaluate, first, limits, known=seen.get(stage, ()), **how)
+        return None if path.beside and found.state.cost > path.beside[0].cost else (found, models)
 
     def searched(ends: Sequence[Found], before: Stage, stage: Stage, k: int) -> Found | None:
         return step(before, stage, ends[k])
@@ -195,7 +196,7 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
         found = in_parallel(partial(searched, ends, before, stage), [1.0] * len(ends), "whole trials")
         lower = sorted(filter(None, found), key=lambda end: end[0].state.cost)
         if not lower:
-            ends = [end for end in ends if end[0].reason != GIVEN]
+            ends = [end for end in ends if end[0].reason != GIVEN and path.beside is None]
             continue
         if not path.coarse and stage == stages[0] and lower[0][0].reason == UNFINISHED:
             return []
@@ -215,7 +216,8 @@ def regained(problem: Problem, held: Problem, sigmas: Mapping[str, float], begun
     """The lower minimum in which no trial lags behind the others, see :func:`lagging`; None where there is none.
 
     Such a trial is held to the motion that was measured and let go of anew, compared at the coarsest resolution first:
-    hardly any weight is left to it, and the parameters go where the others tell. With them it comes back.
+    hardly any weight is left to it, and the parameters go where the others tell. With them it comes back; where all fit
+    worse than before, it is left.
     """
     found: Solution | None = None
     state, models = begun

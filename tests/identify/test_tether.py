@@ -169,10 +169,14 @@ def drive(places: list[int], seed: int) -> tuple[Problem, dict[str, float]]:
 
 def test_a_trial_that_lags_behind_is_held_anew_and_comes_back_with_what_the_other_one_tells():
     problem, truth = drive([0, 3], 0)
-    wrong = problem.space.to_search(truth | {"load.mu_s": 0.35, "load.v_s": 0.15})
-    begun = problem.evaluator(problem.trials)(wrong, [m.local[: m.size(problem.joint)] for m in problem.trials], True)
-    assert lagging(begun) == 1
-    found = regained(problem, tethered(problem), problem.sigmas, (begun, problem.trials))
+    wrong, evaluate = (
+        problem.space.to_search(truth | {"load.mu_s": 0.35, "load.v_s": 0.15}),
+        problem.evaluator(problem.trials),
+    )
+    begun = evaluate(wrong, [m.local[: m.size(problem.joint)] for m in problem.trials], True)
+    fit = levenberg_marquardt(evaluate, begun, problem.space.limits).state
+    assert lagging(fit) == 1
+    found = regained(problem, tethered(problem), problem.sigmas, (fit, problem.trials))
     values = problem.values(found.state.u)
     assert lagging(found.state) is None
     assert [values[name] for name in LOAD] == pytest.approx([truth[name] for name in LOAD], rel=0.05)
