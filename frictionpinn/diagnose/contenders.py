@@ -85,18 +85,25 @@ def refitted(
     bench: Bench, before: Fit, asked: Sequence[tuple[Tested, list[Tested]]], settings: Settings
 ) -> list[Contender]:
     """The candidates' fits, the best first, each from the resolution at which it was tested to the sample: from the
-    coarse one, too, where a search at the sample comes to no end, and once more a trial that lags behind the others.
-    Where one gains much less than its score test promised, what that did not tell from it is fitted beside it."""
+    coarse one, too, where a search at the sample comes to no end; and where any comes to none, a trial that lags behind
+    the others once more in each. Where one gains much less than its score test promised, what that did not tell from
+    it is fitted beside it."""
 
     def refit(tested: Tested) -> Fit | None:
         fit = None if tested.width else add(bench, before, tested, [0.0])
-        if fit is None or not fit.ended:
-            made = [f for f in (fit, add(bench, before, tested, bench.from_coarse)) if f is not None]
-            fit = bench.together(made, reach(tested)) if made else None
-        return None if fit is None else bench.regained(fit, reach(tested))
+        if fit is not None and fit.ended:
+            return fit
+        made = [f for f in (fit, add(bench, before, tested, bench.from_coarse)) if f is not None]
+        return bench.together(made, reach(tested)) if made else None
 
     def refits(tests: Sequence[Tested]) -> list[tuple[Tested, Fit | None]]:
+        def regained(k: int) -> Fit | None:
+            fit = fits[k]
+            return None if fit is None else bench.regained(fit, reach(tests[k]))
+
         fits = in_parallel(lambda k: refit(tests[k]), [1.0] * len(tests), "effects fitted")
+        if not all(fit.ended for fit in fits if fit is not None):
+            fits = in_parallel(regained, [1.0] * len(tests), "effects fitted anew")
         return list(zip(tests, fits, strict=True))
 
     made = refits([head for head, _ in asked])
