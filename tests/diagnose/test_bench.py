@@ -158,22 +158,24 @@ def test_of_two_fits_each_wrong_in_another_trial_one_is_put_together_that_is_rig
 
 
 @pytest.mark.parametrize(("steps", "asked"), [(20, [[0.0]]), (1, [[0.0], "coarse"])])
-def test_a_refit_that_comes_to_no_end_at_the_sample_begins_at_the_coarse_resolution_too(
+def test_a_refit_that_comes_to_no_end_begins_at_the_coarse_resolution_too_and_its_lagging_trial_is_held_anew(
     pushed, monkeypatch, steps, asked
 ):
-    add, widths = contenders.add, []
+    add, widths, regained = contenders.add, [], []
 
     def seen(bench, fit, tested, own):
         widths.append("coarse" if own == bench.from_coarse else own)
         return add(bench, fit, tested, own)
 
     monkeypatch.setattr(contenders, "add", seen)
+    monkeypatch.setattr(Bench, "regained", lambda bench, fit, limits: regained.append(fit) or fit)
     monkeypatch.setitem(descent.CLOSELY, "iterations", steps)
     candidate = SimpleNamespace(name="constant_force", strengths=("constant_force",), hidden=())
     shape = {"width": 0.0, "untested": False, "shape": {}, "step": {"constant_force": FORCE}, "statistic": 0.0}
     head = SimpleNamespace(candidate=candidate, **shape)
     (found,) = contenders.refitted(pushed, pushed.base, [(head, [])], Settings())
     assert widths == asked
+    assert len(regained) == len(asked) - 1
     assert found.fit.state.cost < pushed.base.state.cost - 10
 
 
