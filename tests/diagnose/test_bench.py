@@ -269,4 +269,5 @@ def test_a_force_that_goes_from_one_mass_to_the_other_strains_the_coupling_and_l
     assert np.sqrt(np.mean(follows**2)) < 0.2 * np.sqrt(np.mean(left**2))
     motor = bench.imitated(load, names, swapped)
     assert load.values["load.constant_force"] == pytest.approx(0.1, rel=0.2)
-    assert motor.state.cost < load.state.cost + 2.0
+    # Not told apart; a lower minimum may be found on the way, a worse one may not.
+    assert load.state.cost - Settings().told_apart < motor.state.cost < load.state.cost + 2.0

@@ -169,10 +169,8 @@ def drive(places: list[int], seed: int) -> tuple[Problem, dict[str, float]]:
 
 def test_a_trial_that_lags_behind_is_held_anew_and_comes_back_with_what_the_other_one_tells():
     problem, truth = drive([0, 3], 0)
-    wrong, evaluate = (
-        problem.space.to_search(truth | {"load.mu_s": 0.35, "load.v_s": 0.15}),
-        problem.evaluator(problem.trials),
-    )
+    wrong = problem.space.to_search(truth | {"load.mu_s": 0.35, "load.v_s": 0.15})
+    evaluate = problem.evaluator(problem.trials)
     begun = evaluate(wrong, [m.local[: m.size(problem.joint)] for m in problem.trials], True)
     fit = levenberg_marquardt(evaluate, begun, problem.space.limits).state
     assert lagging(fit) == 1
