@@ -274,7 +274,7 @@ def _sigmas_of(problem: Problem, models: Sequence[TrialModel], state: State) -> 
     """Noise levels from the residuals of the whole trials, degrees of freedom taken off; given ones stay.
 
     An output loses its share of the parameters and initial states, an input the spline coefficients that it determines:
-    the trace of its share of the normal matrix.
+    the trace of its share of the normal matrix, over what the rows tell (an acceleration alone tells no position).
     """
     result, outputs = dict(problem.sigmas), problem.channels.outputs
     for name in set(problem.sigmas) - set(problem.given):
@@ -287,7 +287,7 @@ def _sigmas_of(problem: Problem, models: Sequence[TrialModel], state: State) -> 
                 for design, own in zip(item.basis.design, item.names, strict=True)
                 if own in problem.sigmas
             }
-            used += float(np.trace(np.linalg.solve(sum(parts.values()), parts[name])))
+            used += float(np.trace(np.linalg.pinv(sum(parts.values()), hermitian=True) @ parts[name]))
         if name in outputs:
             used += (len(problem.names) + sum(len(m.states) for m in models)) / len(outputs)
         if len(r) >= 2 * used + 5:
