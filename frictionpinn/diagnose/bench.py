@@ -61,6 +61,7 @@ class Bench:
         self.declared = tuple(self.problem.names)
         self.held_out = held_out
         self.widths = self.problem.resolutions
+        self._afresh = 0  # simulations that fits afresh have taken
         self._made: dict[tuple[str, ...], Simulator] = {}
         self._making = Lock()
 
@@ -246,7 +247,10 @@ class Bench:
     def afresh(self, fit: Fit, limits: Ranges | None = None) -> Fit:
         """The fit, or the lower one that the search finds with which the declared model's began: from its start and
         neutral effects, the whole trials held to the motion that was measured and let go of. With the law of the start
-        an effect as strong as the fit has it may lift a body off."""
+        an effect as strong as the fit has it may lift a body off. All such fits together may take as many simulations
+        as the declared model's took: a budget."""
+        if self._afresh >= self.estimate.n_simulations:
+            return fit
         strengths = [par for par in self.tested.parameters if par.neutral is not None and not par.hidden]
         neutral = {par.name: par.neutral for par in strengths if par.name in fit.names}
         values = fit.values | neutral | {name: self.problem.start[name] for name in self.declared}
@@ -263,6 +267,7 @@ class Bench:
                 best = best if found is None else self.together((best, found), limits)
             if best is not fit and best.white:
                 break
+        self._afresh += problem.simulations
         return best
 
     def regained(self, fit: Fit, limits: Ranges | None = None) -> Fit:

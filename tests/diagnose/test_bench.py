@@ -144,6 +144,16 @@ def test_a_fit_is_found_again_from_a_strength_with_which_no_trial_can_be_simulat
     assert again.state.cost == pytest.approx(right.state.cost, abs=0.5)
 
 
+def test_fits_afresh_take_no_more_simulations_than_the_declared_model_took(pushed, monkeypatch):
+    right = pushed.refit(pushed.base, (*pushed.declared, "constant_force"), pushed.base.values)
+    wrong = gone_wrong(pushed, right, 3.0)
+    monkeypatch.setattr(pushed, "_afresh", 0)
+    assert pushed.afresh(wrong) is not wrong
+    assert pushed._afresh > 0
+    monkeypatch.setattr(pushed, "_afresh", pushed.estimate.n_simulations)
+    assert pushed.afresh(wrong) is wrong
+
+
 def test_of_two_fits_each_wrong_in_another_trial_one_is_put_together_that_is_right_in_both(pushed):
     right = pushed.refit(pushed.base, (*pushed.declared, "constant_force"), pushed.base.values)
     problem = pushed.problem_of(pushed.problem, right.names, right.values, right.models[0].simulator)
