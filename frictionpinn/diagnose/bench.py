@@ -247,8 +247,8 @@ class Bench:
     def afresh(self, fit: Fit, limits: Ranges | None = None) -> Fit:
         """The fit, or the lower one that the search finds with which the declared model's began: from its start and
         neutral effects, the whole trials held to the motion that was measured and let go of. With the law of the start
-        an effect as strong as the fit has it may lift a body off. All such fits together may take as many simulations
-        as the declared model's took: a budget."""
+        an effect as strong as the fit has it may lift a body off. None begins once such fits took as many simulations
+        as the declared model's, a budget."""
         if self._afresh >= self.estimate.n_simulations:
             return fit
         strengths = [par for par in self.tested.parameters if par.neutral is not None and not par.hidden]

@@ -144,7 +144,7 @@ def test_a_fit_is_found_again_from_a_strength_with_which_no_trial_can_be_simulat
     assert again.state.cost == pytest.approx(right.state.cost, abs=0.5)
 
 
-def test_fits_afresh_take_no_more_simulations_than_the_declared_model_took(pushed, monkeypatch):
+def test_nothing_is_fitted_afresh_once_such_fits_took_the_simulations_of_the_declared_model(pushed, monkeypatch):
     right = pushed.refit(pushed.base, (*pushed.declared, "constant_force"), pushed.base.values)
     wrong = gone_wrong(pushed, right, 3.0)
     monkeypatch.setattr(pushed, "_afresh", 0)
