@@ -14,7 +14,7 @@ from ..data.recording import Recording
 from ..errors import UserError
 from ..identify.likelihood import minima_around
 from ..identify.problem import Problem
-from ..identify.tether import Path, Seen, followed, regained, tethered
+from ..identify.tether import regained, tethered
 from ..identify.trial import TrialModel
 from ..numerics.descent import ENDED, GIVEN, Solution, coarse_to_fine
 from ..numerics.minima import assembled, carried
@@ -61,7 +61,6 @@ class Bench:
         self.declared = tuple(self.problem.names)
         self.held_out = held_out
         self.widths = self.problem.resolutions
-        self._afresh = 0  # simulations that fits afresh have taken
         self._made: dict[tuple[str, ...], Simulator] = {}
         self._making = Lock()
 
@@ -243,32 +242,6 @@ class Bench:
             return fit
         near = [state for own in starts if (state := evaluate(there, own, False)) is not None]
         return replace(fit, state=replace(fit.state, locals=min(near, key=lambda s: s.cost).locals)) if near else fit
-
-    def afresh(self, fit: Fit, limits: Ranges | None = None) -> Fit:
-        """The fit, or the lower one that the search finds with which the declared model's began: from its start and
-        neutral effects, the whole trials held to the motion that was measured and let go of. With the law of the start
-        an effect as strong as the fit has it may lift a body off. None begins once such fits took as many simulations
-        as the declared model's, a budget."""
-        if self._afresh >= self.estimate.n_simulations:
-            return fit
-        strengths = [par for par in self.tested.parameters if par.neutral is not None and not par.hidden]
-        neutral = {par.name: par.neutral for par in strengths if par.name in fit.names}
-        values = fit.values | neutral | {name: self.problem.start[name] for name in self.declared}
-        problem = self.problem_of(self.problem, fit.names, values, fit.models[0].simulator, limits)
-        held, best, u, seen = tethered(problem), fit, problem.space.to_search(values), Seen()
-        for coarse in (False, True):
-            path = Path(problem, held, fit.sigmas, coarse)
-            try:
-                ends = followed(path, [u], path.stages, seen)
-            except np.linalg.LinAlgError:  # derivatives that overflow
-                break
-            for end, _ in ends[:1]:
-                found = self.refit(replace(fit, state=end.state), fit.names, problem.values(end.state.u), limits=limits)
-                best = best if found is None else self.together((best, found), limits)
-            if best is not fit and best.white:
-                break
-        self._afresh += problem.simulations
-        return best
 
     def regained(self, fit: Fit, limits: Ranges | None = None) -> Fit:
         """The fit, or the lower one in which no trial lags behind the others, see

@@ -177,11 +177,10 @@ def judged(
     refused, left = [Refused(c.candidate, why) for c, why in able if why], [c for c, why in able if not why]
     # Of what was tested twice the test at the sample, which comes first, is taken.
     classes = [{t.candidate.name: t for t in (head, *group)} for head, group in asked[::-1]]
-    out, afresh = set[str](), dict[str, float]()  # what is refused, and what a fit afresh came to
-    once = {c.candidate.name: c.fit.state.cost for c in left}  # what a first refit came to
+    out = set[str]()  # what is refused
     while left := [c for c in left if c.candidate.name not in out]:
         alike = [{n: t for n, t in members.items() if n not in out} for members in classes]
-        left = _as_near(bench, before, left, alike, once, afresh, settings)
+        left = _as_near(bench, before, left, alike, settings)
         for c in left:
             gain, need = before.state.cost - c.fit.state.cost, needed(c.tested, settings)
             if gain < need:
@@ -242,34 +241,14 @@ def _as_near(
     before: Fit,
     found: Sequence[Contender],
     classes: Sequence[Mapping[str, Tested]],
-    once: Mapping[str, float],
-    done: dict[str, float],
     settings: Settings,
 ) -> list[Contender]:
     """Contenders, and what the score tests do not tell from those about as good as the best, the best first.
 
-    None is judged by a minimum that another was spared, nor by that of the model without it. One that falls short of
-    what its score test promises, and promises as much as the best one gained when all were refitted the first time
-    (``once``), is fitted afresh, unless its like was and came to as much (``done``). What the tests do not tell from
-    one about as good as the best, but is fitted worse, is fitted from where its motion is nearest to its like's: as
-    long as that brings a better one.
+    None is judged by a minimum that another was spared: what the tests do not tell from one about as good as the best,
+    but is fitted worse, is fitted from where its motion is nearest to its like's: as long as that brings a better one.
     """
-
-    def short(c: Contender) -> bool:
-        gain = before.state.cost - c.fit.state.cost
-        best = before.state.cost - min(once.get(o.candidate.name, np.inf) for o in found)
-        tested = c is found[0] or not c.tested.width  # what a coarse resolution promises, no other one keeps
-        return tested and c.tested.statistic / 2 > max(gain + settings.told_apart, best - settings.told_apart)
-
     while True:
-        while anew := [
-            c for c in found if short(c) and c.fit.cost < done.get(c.candidate.name, np.inf) - settings.tied
-        ]:
-            own = anew[0].candidate
-            again = replace(anew[0], fit=bench.afresh(anew[0].fit, reach(anew[0].tested)))
-            alike = {own.name}.union(*(members for members in classes if own.name in members))
-            done |= dict.fromkeys(alike, again.fit.cost)
-            found = found if impossible(bench, own, again.fit.values) else _lowest(bench, [*found, again])
         head, costs = found[0], {c.candidate.name: c.fit.cost for c in found}
         near = [c for c in found if c.fit.cost < head.fit.cost + settings.told_apart]
         pairs = dict[str, tuple[Contender, Tested]]()

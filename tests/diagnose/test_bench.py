@@ -129,31 +129,6 @@ def gone_wrong(bench: Bench, right: Fit, factor: float) -> Fit:
     return replace(wrong, names=right.names, state=there)
 
 
-def test_a_fit_in_a_wrong_minimum_is_found_again_from_the_declared_start(pushed):
-    right = pushed.refit(pushed.base, (*pushed.declared, "constant_force"), pushed.base.values)
-    wrong = gone_wrong(pushed, right, 3.0)
-    again = pushed.afresh(wrong)
-    assert again.state.cost == pytest.approx(right.state.cost, abs=0.5)
-    assert again.values["constant_force"] == pytest.approx(FORCE, rel=0.1)
-
-
-def test_a_fit_is_found_again_from_a_strength_with_which_no_trial_can_be_simulated(pushed):
-    right = pushed.refit(pushed.base, (*pushed.declared, "constant_force"), pushed.base.values)
-    wrong = gone_wrong(pushed, right, 3.0)
-    again = pushed.afresh(replace(wrong, values=wrong.values | {"constant_force": 1e300}))
-    assert again.state.cost == pytest.approx(right.state.cost, abs=0.5)
-
-
-def test_nothing_is_fitted_afresh_once_such_fits_took_the_simulations_of_the_declared_model(pushed, monkeypatch):
-    right = pushed.refit(pushed.base, (*pushed.declared, "constant_force"), pushed.base.values)
-    wrong = gone_wrong(pushed, right, 3.0)
-    monkeypatch.setattr(pushed, "_afresh", 0)
-    assert pushed.afresh(wrong) is not wrong
-    assert pushed._afresh > 0
-    monkeypatch.setattr(pushed, "_afresh", pushed.estimate.n_simulations)
-    assert pushed.afresh(wrong) is wrong
-
-
 def test_of_two_fits_each_wrong_in_another_trial_one_is_put_together_that_is_right_in_both(pushed):
     right = pushed.refit(pushed.base, (*pushed.declared, "constant_force"), pushed.base.values)
     problem = pushed.problem_of(pushed.problem, right.names, right.values, right.models[0].simulator)
@@ -187,39 +162,6 @@ def test_a_refit_that_comes_to_no_end_begins_at_the_coarse_resolution_too_and_it
     assert widths == asked
     assert len(regained) == len(asked) - 1
     assert found.fit.state.cost < pushed.base.state.cost - 10
-
-
-def test_what_promised_as_much_as_the_best_one_gained_at_first_is_fitted_afresh_as_the_best_one_was(monkeypatch):
-    def fit(cost: float) -> SimpleNamespace:
-        return SimpleNamespace(cost=cost, state=SimpleNamespace(cost=cost), values={})
-
-    def contender(name: str, promise: float, cost: float) -> contenders.Contender:
-        candidate = SimpleNamespace(name=name, hidden=())
-        return contenders.Contender(SimpleNamespace(candidate=candidate, width=0.0, statistic=2 * promise), fit(cost))
-
-    monkeypatch.setattr(contenders, "impossible", lambda *a: "")
-    found = [
-        contender("asymmetry", 320.0, 210.0),
-        contender("constant_force", 330.0, 215.0),
-        contender("drag", 60.0, 380.0),
-    ]
-    lower, asked = {210.0: 60.0, 215.0: 40.0, 60.0: 60.0, 40.0: 40.0}, []
-
-    def afresh(at: SimpleNamespace, limits) -> SimpleNamespace:
-        asked.append(at.cost)
-        return fit(lower[at.cost])
-
-    bench = SimpleNamespace(afresh=afresh, together=lambda fits, limits: min(fits, key=lambda fit: fit.cost))
-    classes = [{c.candidate.name: c.tested} for c in found]
-    once = {c.candidate.name: c.fit.cost for c in found}
-    before = SimpleNamespace(state=SimpleNamespace(cost=400.0), names=())
-    left = contenders._as_near(bench, before, found, classes, once, {}, Settings())
-    assert [(c.candidate.name, c.fit.cost) for c in left] == [
-        ("constant_force", 40.0),
-        ("asymmetry", 60.0),
-        ("drag", 380.0),
-    ]
-    assert asked == [210.0, 215.0]
 
 
 def test_where_an_effect_leads_out_of_a_wrong_minimum_the_model_without_it_follows():
