@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from .errors import choose
 
@@ -120,7 +120,13 @@ def readable_unit(unit: str) -> str:
 
 
 class Shown:
-    """A result. Subclasses say :meth:`tables`, :meth:`figures` and :meth:`to_dict`; the rest follows from these."""
+    """A result. Subclasses say :meth:`tables`, :meth:`figures` and :meth:`to_dict`; the rest follows from these.
+
+    Attributes:
+        most_rows: of a table as text; None: all, as of parameters.
+    """
+
+    most_rows: ClassVar[int | None] = MOST_ROWS
 
     def tables(self) -> list[Table]:
         """What there is to read."""
@@ -157,7 +163,7 @@ class Shown:
         return folder
 
     def __repr__(self) -> str:
-        return "\n".join(table.text(MOST_ROWS) for table in self.tables())
+        return "\n".join(table.text(self.most_rows) for table in self.tables())
 
     def _repr_html_(self) -> str:
         parts = [table._repr_html_() for table in self.tables()]

@@ -65,6 +65,8 @@ class Diagnosis(Shown):
             then is "no verdict".
     """
 
+    most_rows = None
+
     verdict: str
     accepted: tuple[Accepted, ...]
     refused: tuple[Refused, ...]

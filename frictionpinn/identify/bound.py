@@ -36,6 +36,8 @@ class Bound(Shown):
         information: Fisher information of u, shape (n, n).
     """
 
+    most_rows = None
+
     names: tuple[str, ...]
     values: dict[str, float]
     covariance: np.ndarray
@@ -91,14 +93,6 @@ class Bound(Shown):
             "correlation": [[plain(x) for x in row] for row in self.correlation],
             "advice": list(self.advice),
         }
-
-    def __str__(self) -> str:
-        width = max(map(len, self.names))
-        lines = ["least standard errors of any unbiased estimator"]
-        for name, s in self.std.items():
-            share = f" ({100 * self.relative[name]:.2g} %)" if np.isfinite(self.relative[name]) else ""
-            lines.append(f"  {name:{width}s} {self.values[name]:.6g} +- {s:.3g}{share}")
-        return "\n".join([*lines, *("  " + sentence for sentence in self.advice)])
 
 
 def bound(

@@ -98,6 +98,8 @@ class Estimate(Shown):
         path: of a search method: every improvement, the first one first.
     """
 
+    most_rows = None
+
     estimator: str
     names: tuple[str, ...]
     values: dict[str, float]
@@ -162,17 +164,6 @@ class Estimate(Shown):
 
         drawn = {"parameters": parameters_figure(self.names, self.values, self.ci95, self.correlation)}
         return drawn | ({"residuals": residuals_figure(self)} if self.residuals else {})
-
-    __repr__ = Shown.__repr__
-
-    def __str__(self) -> str:
-        lines = [f"{self.estimator}: {self.outcome}, {self.n_simulations} simulations, {self.seconds:.2f} s"]
-        width = max(map(len, self.names))
-        for name in self.names:
-            low, high = self.ci95[name]
-            told = f"  {name:{width}s} {self.values[name]:.6g} [{low:.4g}, {high:.4g}]"
-            lines.append(f"{told} {readable_unit(self.units[name])}".rstrip())
-        return "\n".join([*lines, *("  " + sentence for sentence in self.advice)])
 
 
 def plain(value: float) -> float | None:
