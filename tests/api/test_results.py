@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -72,6 +73,16 @@ def test_a_result_prints_as_a_few_short_lines(results, kind):
     text = repr(results[kind])
     assert len(text) < 4000 and len(text.splitlines()) <= 40 and max(map(len, text.splitlines())) <= 120
     assert "array(" not in text and "object at" not in text
+
+
+def test_of_many_parameters_each_is_printed_and_of_many_trials_the_first_ones(results, log):
+    fit = results["fit"]
+    names = tuple(f"joint_{k}.mu_c" for k in range(20))
+    alike = {kind: dict.fromkeys(names, getattr(fit, kind)["mu_c"]) for kind in ("values", "units", "ci95")}
+    many = replace(fit, names=names, covariance=np.eye(20), **alike)
+    assert all(name in str(many) for name in names) and str(many) == repr(many)
+    session = replace(log, trials=tuple(replace(log.trials[0], name=f"run_{k}") for k in range(20)))
+    assert "run_0" in str(session) and "run_19" not in str(session) and "and 8 more" in str(session)
 
 
 @pytest.mark.parametrize("kind", KINDS)
