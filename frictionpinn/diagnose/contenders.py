@@ -180,7 +180,7 @@ def judged(
     out = set[str]()  # what is refused
     while left := [c for c in left if c.candidate.name not in out]:
         alike = [{n: t for n, t in members.items() if n not in out} for members in classes]
-        left = _as_near(bench, before, left, alike, settings)
+        left = _as_near(bench, before.names, left, alike, settings)
         for c in left:
             gain, need = before.state.cost - c.fit.state.cost, needed(c.tested, settings)
             if gain < need:
@@ -238,7 +238,7 @@ def _checked(bench: Bench, near: Sequence[Contender]) -> list[Contender]:
 
 def _as_near(
     bench: Bench,
-    before: Fit,
+    names: Sequence[str],
     found: Sequence[Contender],
     classes: Sequence[Mapping[str, Tested]],
     settings: Settings,
@@ -247,6 +247,7 @@ def _as_near(
 
     None is judged by a minimum that another was spared: what the tests do not tell from one about as good as the best,
     but is fitted worse, is fitted from where its motion is nearest to its like's: as long as that brings a better one.
+    ``names`` are the parameters that are estimated beside a candidate's.
     """
     while True:
         head, costs = found[0], {c.candidate.name: c.fit.cost for c in found}
@@ -256,7 +257,7 @@ def _as_near(
             for like in [c for c in near if c.candidate.name in members][:1]:
                 worse, like = like.fit.cost + settings.tied, replace(like, tested=members[like.candidate.name])
                 pairs |= {n: (like, t) for n, t in members.items() if costs.get(n, np.inf) > worse}
-        found = _lowest(bench, [*found, *_imitations(bench, before.names, list(pairs.values()))])
+        found = _lowest(bench, [*found, *_imitations(bench, names, list(pairs.values()))])
         if found[0].fit.cost > head.fit.cost - settings.tied:
             return found
 
