@@ -9,10 +9,10 @@ by whole samples (:mod:`frictionpinn.numerics.stops`). So the search goes
 1. over whole trials, noisy inputs among the unknowns, held to the motion that was measured and let go of, each minimum
    the start of the next (:mod:`frictionpinn.identify.tether`), at the noise levels that the residuals show
    (:func:`_settled`);
-2. where that leaves what is not white, the same from a coarse resolution in time to the sample before;
-3. where that does, too, from other starts: a design over what the sliding samples do not tell and a grid over what
-   moves together, those that fit best held by the shortest tether (:func:`_elsewhere`);
-4. around what was found, with a bristle in each trial's own unknowns (:func:`lowest_of_trials`), and by ways that show
+2. where that leaves what is not white, the same from a coarse resolution in time to the sample before, and from other
+   starts, too: a design over what the sliding samples do not tell and a grid over what moves together, those that fit
+   best held by the shortest tether (:func:`_elsewhere`);
+3. around what was found, with a bristle in each trial's own unknowns (:func:`lowest_of_trials`), and by ways that show
    other minima of the parameters (:func:`minima_around`). Trials share the parameters alone: the likelihood has its
    minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each trial has been
    there, and they are put together (:func:`frictionpinn.numerics.minima.assembled`).
@@ -94,16 +94,13 @@ def maximum_likelihood(
     before = problem.simulations
     given = [problem.start] if start is None else [problem.start, problem.start | dict(start)]
     us, held, sigmas = [problem.space.to_search(p) for p in given], tethered(problem), dict(problem.sigmas)
-    ends, seen = list[Found](), Seen()
-    for coarse in (False, True) if held else (True,):
-        path = Path(problem, held, sigmas, coarse)
-        if found := followed(path, us, path.stages, seen):
-            ends = sorted([*ends, *found], key=lambda end: end[0].state.cost)
-            settled = _settled(problem, ends[0][1], ends[0][0], sigmas)
-            if _white(problem, settled[0].state):
-                break
-    else:  # another start may explain more
-        found, sigmas = _elsewhere(problem, held, seen)
+    seen = Seen()
+    path = Path(problem, held, sigmas, coarse=held is None)
+    ends = followed(path, us, path.stages, seen)
+    if ends:
+        settled = _settled(problem, ends[0][1], ends[0][0], sigmas)
+    if not ends or not _white(problem, settled[0].state):  # another start may explain more
+        found, sigmas = _elsewhere(problem, held, us, seen)
         if found:
             found += [again for end in ends[:1] for again in _again(problem, end, sigmas)]
             ends = sorted(found, key=lambda end: end[0].state.cost)
@@ -210,11 +207,14 @@ def _white(problem: Problem, state: State) -> bool:
     return whiteness(rows, round(problem.resolutions[0] / problem.interval)) > SIGNIFICANCE
 
 
-def _elsewhere(problem: Problem, held: Problem | None, seen: Seen) -> tuple[list[Found], dict[str, float]]:
-    """Fits of the whole trials from starts that a design holds, best first, and noise levels to begin with: without
-    what comes to minima that were ``seen`` at the noise levels of the problem."""
+def _elsewhere(
+    problem: Problem, held: Problem | None, us: Sequence[np.ndarray], seen: Seen
+) -> tuple[list[Found], dict[str, float]]:
+    """Fits of the whole trials from a coarse resolution on, best first, and noise levels to begin with: from the starts
+    ``us`` and from others that a design holds, without what comes to minima that were ``seen`` at the noise levels of
+    the problem."""
     space, path = problem.space, Path(problem, held, problem.sigmas, coarse=True)
-    begun = followed(path, lowest(path, coarse_design(problem), BEST), path.stages[:1], {})
+    begun = followed(path, [*us, *lowest(path, coarse_design(problem), BEST)], path.stages[:1], {})
     if not begun:
         return [], dict(problem.sigmas)
     best = begun[0][0].state

@@ -37,8 +37,8 @@ from ..physics.system import Coordinate
 from .problem import Problem
 from .trial import TrialModel
 
-# Log-likelihood at a resolution, in units of what residuals are worth there (:attr:`State.unit`): another search that
-# is as near is followed to the next one as well; 400 to 1.
+# Log-likelihood at the sample, in units of what residuals are worth there (:attr:`State.unit`): another search that is
+# as near is followed to the next tether as well; 400 to 1.
 AS_NEAR = 6.0
 RATE = Parameter("tether", "1/s", "how fast the motion returns to the measured one", value=0.0)
 FADING = 2.0  # times longer is each tether than the one before
@@ -163,9 +163,10 @@ def lowest(path: Path, us: Sequence[np.ndarray], count: int) -> list[np.ndarray]
 
 
 def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen: Seen) -> list[Found]:
-    """Fits of the whole trials, best first: all starts in the first stage, and from one stage to the next the best of
-    these. Another stays beside it as long as it is about as good but elsewhere. What comes to a minimum that was
-    ``seen`` by a search at these noise levels would go its way, and is left; those that are followed are added.
+    """Fits of the whole trials, best first: all starts from one resolution to the next, the lowest at a coarse one may
+    be far from it at the sample; and from one tether to the next the best of these. Another stays beside it as long as
+    it is about as good but elsewhere. What comes to a minimum that was ``seen`` by a search at these noise levels would
+    go its way, and is left; those that are followed are added.
 
     Empty where all are left, or where the best comes to no end at the sample, however closely it is held: that is too
     rugged to begin with.
@@ -202,7 +203,7 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
             return []
         best, ends = lower[0][0].state, []
         for end in lower:
-            near = end[0].state.cost <= best.cost + AS_NEAR * best.unit
+            near = stage[1] > 0 or end[0].state.cost <= best.cost + AS_NEAR * best.unit
             apart = near and not any(same_minimum(other.state, end[0].state) for other, _ in ends)
             if end[0].reason != KNOWN and (apart or stage == last):
                 ends.append(end)

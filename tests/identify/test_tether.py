@@ -105,19 +105,37 @@ def test_what_comes_to_where_another_search_has_been_is_left(box):
     assert problem.simulations - begun < 0.5 * walked
 
 
-@pytest.mark.parametrize("whites", [[True], [False, True]])
-def test_what_is_not_white_is_looked_for_from_the_coarsest_resolution_before_other_starts(box, monkeypatch, whites):
+@pytest.mark.parametrize("whites", [[True], [False]])
+def test_what_is_not_white_is_looked_for_from_the_coarsest_resolution_from_its_own_start_and_others(
+    box, monkeypatch, whites
+):
     problem, _ = box
     told, walked = iter([*whites, True]), []
 
     def walk(path, us, stages, seen):
-        walked.append([width for _, width in stages if width])
+        own = any(np.array_equal(u, problem.space.to_search(problem.start)) for u in us)
+        walked.append(([width for _, width in stages if width], own, len(us) > 1))
         return followed(path, us, stages, {})
 
     monkeypatch.setattr("frictionpinn.identify.likelihood._white", lambda *_: next(told))
     monkeypatch.setattr("frictionpinn.identify.likelihood.followed", walk)
     maximum_likelihood(problem, thorough=False, profiles=False)
-    assert walked == [[], problem.resolutions[:-1]][: len(whites)]
+    (widths, *_), *elsewhere = walked
+    assert widths == []
+    assert [own[0] for own in elsewhere] == ([] if whites[0] else [problem.resolutions[:1], problem.resolutions[:-1]])
+    assert all(own[1:] == (True, True) for own in elsewhere[:1])
+
+
+def test_starts_are_compared_at_the_sample_and_not_before(box, monkeypatch):
+    problem, _ = box
+    path, asked, cost = Path(problem, tethered(problem), problem.sigmas, coarse=True), [], Path.cost
+    monkeypatch.setattr(Path, "cost", lambda self, models, stage: asked.append(stage) or cost(self, models, stage))
+    monkeypatch.setattr("frictionpinn.identify.tether.AS_NEAR", 0.0)
+    monkeypatch.setattr("frictionpinn.identify.tether.same_minimum", lambda *_: False)
+    u, first = problem.space.to_search(problem.start), len(problem.resolutions)
+    followed(path, [u, u + 0.3], path.stages[: first + 1], {})
+    assert [asked.count(stage) for stage in path.stages[:first]] == [2] * first
+    assert set(asked[2 * first :]).isdisjoint(path.stages[:first]) and asked.count(path.stages[first]) == 1
 
 
 def test_a_held_cost_counts_among_the_problems_simulations(box):
