@@ -85,13 +85,16 @@ def refitted(
     bench: Bench, before: Fit, asked: Sequence[tuple[Tested, list[Tested]]], settings: Settings
 ) -> list[Contender]:
     """The candidates' fits, the best first, each from the resolution at which it was tested to the sample: from the
-    coarse one, too, where a search at the sample comes to no end; and where any comes to none, a trial that lags behind
-    the others once more in each. Where one gains much less than its score test promised, what that did not tell from
-    it is fitted beside it."""
+    coarse one, too, where a search at the sample comes to no end or gains much less than the score test promised; and
+    where any comes to none, a trial that lags behind the others once more in each. Where one still gains much less,
+    what that did not tell from it is fitted beside it."""
+
+    def short(tested: Tested, fit: Fit | None) -> bool:
+        return fit is None or before.state.cost - fit.state.cost < settings.promise * tested.statistic / 2
 
     def refit(tested: Tested) -> Fit | None:
         fit = None if tested.width else add(bench, before, tested, [0.0])
-        if fit is not None and fit.ended:
+        if fit is not None and fit.ended and not short(tested, fit):
             return fit
         made = [f for f in (fit, add(bench, before, tested, bench.from_coarse)) if f is not None]
         return bench.together(made, reach(tested)) if made else None
@@ -107,8 +110,8 @@ def refitted(
         return list(zip(tests, fits, strict=True))
 
     made = refits([head for head, _ in asked])
-    less = [fit is None or before.state.cost - fit.state.cost < settings.promise * t.statistic / 2 for t, fit in made]
-    beside = {t.candidate.name: t for (_, group), short in zip(asked, less, strict=True) if short for t in group}
+    less = [group for (_, group), (t, fit) in zip(asked, made, strict=True) if short(t, fit)]
+    beside = {t.candidate.name: t for group in less for t in group}
     made += refits([t for name, t in beside.items() if name not in {t.candidate.name for t, _ in made}])
     return _lowest(bench, (Contender(t, fit) for t, fit in made if fit is not None))
 

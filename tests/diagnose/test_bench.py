@@ -142,9 +142,13 @@ def test_of_two_fits_each_wrong_in_another_trial_one_is_put_together_that_is_rig
     assert pushed.together((one, other)).state.cost == pytest.approx(right.state.cost, abs=0.5)
 
 
-@pytest.mark.parametrize(("steps", "asked"), [(20, [[0.0]]), (1, [[0.0], "coarse"])])
-def test_a_refit_that_comes_to_no_end_begins_at_the_coarse_resolution_too_and_its_lagging_trial_is_held_anew(
-    pushed, monkeypatch, steps, asked
+@pytest.mark.parametrize(
+    ("steps", "promised", "asked", "anew"),
+    [(20, 0.0, [[0.0]], 0), (1, 0.0, [[0.0], "coarse"], 1), (20, 1e6, [[0.0], "coarse"], 0)],
+    ids=["as promised", "no end", "much less than promised"],
+)
+def test_a_refit_without_end_or_short_of_its_promise_begins_at_the_coarse_resolution_too_and_without_end_a_trial_anew(
+    pushed, monkeypatch, steps, promised, asked, anew
 ):
     add, widths, regained = contenders.add, [], []
 
@@ -156,11 +160,11 @@ def test_a_refit_that_comes_to_no_end_begins_at_the_coarse_resolution_too_and_it
     monkeypatch.setattr(Bench, "regained", lambda bench, fit, limits: regained.append(fit) or fit)
     monkeypatch.setitem(descent.CLOSELY, "iterations", steps)
     candidate = SimpleNamespace(name="constant_force", strengths=("constant_force",), hidden=())
-    shape = {"width": 0.0, "untested": False, "shape": {}, "step": {"constant_force": FORCE}, "statistic": 0.0}
-    head = SimpleNamespace(candidate=candidate, **shape)
+    shape = {"width": 0.0, "untested": False, "shape": {}, "step": {"constant_force": FORCE}}
+    head = SimpleNamespace(candidate=candidate, statistic=promised, **shape)
     (found,) = contenders.refitted(pushed, pushed.base, [(head, [])], Settings())
     assert widths == asked
-    assert len(regained) == len(asked) - 1
+    assert len(regained) == anew
     assert found.fit.state.cost < pushed.base.state.cost - 10
 
 
