@@ -163,10 +163,10 @@ def lowest(path: Path, us: Sequence[np.ndarray], count: int) -> list[np.ndarray]
 
 
 def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen: Seen) -> list[Found]:
-    """Fits of the whole trials, best first: all starts from one resolution to the next, the lowest at a coarse one may
-    be far from it at the sample; and from one tether to the next the best of these. Another stays beside it as long as
-    it is about as good but elsewhere. What comes to a minimum that was ``seen`` by a search at these noise levels would
-    go its way, and is left; those that are followed are added.
+    """Fits of the whole trials, best first: all starts down to the sample, since the lowest at a coarse resolution is
+    often another one, and from one tether to the next the best of these. Another stays beside it as long as it is about
+    as good but elsewhere. What comes to a minimum that was ``seen`` by a search at these noise levels would go its way,
+    and is left; those that are followed are added.
 
     Empty where all are left, or where the best comes to no end at the sample, however closely it is held: that is too
     rugged to begin with.

@@ -11,6 +11,7 @@ from omegaconf import OmegaConf
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem, maximum_likelihood
+from frictionpinn.identify.likelihood import BEST
 from frictionpinn.identify.start import coarse_design
 from frictionpinn.identify.tether import (
     FADING,
@@ -105,25 +106,25 @@ def test_what_comes_to_where_another_search_has_been_is_left(box):
     assert problem.simulations - begun < 0.5 * walked
 
 
-@pytest.mark.parametrize("whites", [[True], [False]])
+@pytest.mark.parametrize("white", [True, False])
 def test_what_is_not_white_is_looked_for_from_the_coarsest_resolution_from_its_own_start_and_others(
-    box, monkeypatch, whites
+    box, monkeypatch, white
 ):
     problem, _ = box
-    told, walked = iter([*whites, True]), []
+    told, walked, own = iter([white, True]), [], problem.space.to_search(problem.start)
 
     def walk(path, us, stages, seen):
-        own = any(np.array_equal(u, problem.space.to_search(problem.start)) for u in us)
-        walked.append(([width for _, width in stages if width], own, len(us) > 1))
+        others = [u for u in us if not np.array_equal(u, own)]
+        walked.append(([width for _, width in stages if width], len(us) - len(others), len(others)))
         return followed(path, us, stages, {})
 
     monkeypatch.setattr("frictionpinn.identify.likelihood._white", lambda *_: next(told))
     monkeypatch.setattr("frictionpinn.identify.likelihood.followed", walk)
     maximum_likelihood(problem, thorough=False, profiles=False)
-    (widths, *_), *elsewhere = walked
-    assert widths == []
-    assert [own[0] for own in elsewhere] == ([] if whites[0] else [problem.resolutions[:1], problem.resolutions[:-1]])
-    assert all(own[1:] == (True, True) for own in elsewhere[:1])
+    closely, *coarse = walked
+    assert closely == ([], 1, 0)
+    assert [widths for widths, *_ in coarse] == ([] if white else [problem.resolutions[:1], problem.resolutions[:-1]])
+    assert white or coarse[0][1:] == (1, BEST)
 
 
 def test_starts_are_compared_at_the_sample_and_not_before(box, monkeypatch):
