@@ -44,7 +44,7 @@ from .tether import Found, Path, Seen, followed, lowest, tethered
 from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours
 
-BEST = 2  # of the points of a design, and of a grid: these are followed
+BEST = 4  # of the points of a design, and of a grid: these are followed
 # Times the stiffness of the fit: a ring that lasts k periods fits one off as well, at (1 -+ 1/k)^2; k is 3 to 6.
 STIFFNESSES = (0.5, 2.0, 0.7, 1.4)
 # Times the Stribeck velocity of the fit: much friction at rest that is soon lost, or less that is lost later, may fit.
@@ -214,12 +214,13 @@ def _elsewhere(
     ``us`` and from others that a design holds, without what comes to minima that were ``seen`` at the noise levels of
     the problem."""
     space, path = problem.space, Path(problem, held, problem.sigmas, coarse=True)
-    begun = followed(path, [*us, *lowest(path, coarse_design(problem), BEST)], path.stages[:1], {})
-    if not begun:
+    us = [*us, *lowest(path, coarse_design(problem), BEST)]
+    first = followed(path, us, path.stages[:1], {})
+    if not first:
         return [], dict(problem.sigmas)
-    best = begun[0][0].state
+    best = first[0][0].state  # around it a grid is laid, and its residuals tell the noise
     grid = [u for pair in ridges(space) for u in ridge_grid(space, best.u, problem.fixed, pair)]
-    us = [end.state.u for end, _ in begun] + lowest(path, grid, BEST)
+    us += lowest(path, grid, BEST)
     path = replace(path, sigmas=_louder(problem, best))
     return followed(path, us, path.stages, seen if path.sigmas == problem.sigmas else {}), dict(path.sigmas)
 

@@ -7,7 +7,8 @@ motion. Held by a tether, a spring and a damper between the model and what was m
 
 it forgets an error after a few tau, and the likelihood is as smooth as over windows that short, without their edges. So
 the minimum is followed from a tether as short as a stretch of low speed, there from the coarsest resolution in time to
-the sample where nothing better is known, to none: in steps so small that no trial's motion is lost.
+the sample where nothing better is known, to none: in steps so small that no trial's motion is lost. Each tether holds
+to the motion q* found under the one before, the shortest to the measured one: a model's errors show little by little.
 
 Source: Abarbanel, Creveling, Farsian, Kostuk, Dynamical state and parameter estimation, SIAM J. Appl. Dyn. Syst. 8
 (2009), who let a coupling to the data fade.
@@ -25,7 +26,6 @@ import sympy as sp
 from scipy.stats import f
 
 from ..numerics.descent import CLOSELY, GIVEN, KNOWN, NEAR, ROUGHLY, UNFINISHED, Solution, levenberg_marquardt
-from ..numerics.motion import Motion
 from ..numerics.parallel import in_parallel
 from ..numerics.paths import InputPath, cubic
 from ..numerics.quadratic import SAME_MINIMUM, Evaluate, Known, State, same_minimum
@@ -51,6 +51,7 @@ SLOPPY = {"rtol": 1e-3, "atol": 1e-4}  # errors of a step in ranking starts: far
 Stage = tuple[float, float]  # tether, 1/s, and resolution in time, s
 Begun = tuple[State, tuple[TrialModel, ...]]  # where a search begins, and the models of the trials there
 Found = tuple[Solution, tuple[TrialModel, ...]]  # where it ended
+Led = tuple[Solution, tuple[TrialModel, ...], Problem | None]  # and what holds the motion of the search from there on
 Seen = dict[Stage, list[Known]]  # minima of the stages that searches have been in
 
 
@@ -173,12 +174,12 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
     """
     limits, last = path.problem.space.limits, path.stages[-1]
     begun = [pair for u in us if (pair := path.begun(u)) is not None]
-    ends = [(Solution(state, GIVEN), models) for state, models in begun]
+    ends = [(Solution(state, GIVEN), models, path.held) for state, models in begun]
 
-    def step(before: Stage, stage: Stage, end: Found, halved: int = 0) -> Found | None:
+    def step(before: Stage, stage: Stage, end: Led, halved: int = 0) -> Led | None:
         """The next minimum; over tethers between, where let go of at once the motion of a trial would be lost."""
-        at, models = end
-        evaluate = path.cost(models, stage)
+        at, models, held = end
+        evaluate = replace(path, held=held).cost(models, stage)
         first = evaluate(at.state.u, at.state.locals, True)
         if before[0] != stage[0] and halved < HALVED and (first is None or _lost(at.state, first)):
             between = (before[0] + stage[0]) / 2, stage[1]
@@ -188,9 +189,13 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
             return None
         how = (CLOSELY if stage == last else ROUGHLY) | {"damping": 0.0 if at.reason == GIVEN else NEAR}
         found = levenberg_marquardt(evaluate, first, limits, known=seen.get(stage, ()), **how)
-        return None if path.beside and found.state.cost > path.beside[0].cost else (found, models)
+        if path.beside and found.state.cost > path.beside[0].cost:
+            return None
+        if held is not None and stage[0] and not stage[1]:
+            held = led(path, held, 1 / stage[0], models, found.state)
+        return found, models, held
 
-    def searched(ends: Sequence[Found], before: Stage, stage: Stage, k: int) -> Found | None:
+    def searched(ends: Sequence[Led], before: Stage, stage: Stage, k: int) -> Led | None:
         return step(before, stage, ends[k])
 
     for before, stage in pairwise((stages[0], *stages)):
@@ -204,13 +209,13 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
         best, ends = lower[0][0].state, []
         for end in lower:
             near = stage[1] > 0 or end[0].state.cost <= best.cost + AS_NEAR * best.unit
-            apart = near and not any(same_minimum(other.state, end[0].state) for other, _ in ends)
+            apart = near and not any(same_minimum(other.state, end[0].state) for other, *_ in ends)
             if end[0].reason != KNOWN and (apart or stage == last):
                 ends.append(end)
         if not ends:
             return []
-        seen.setdefault(stage, []).extend(Known.of(end.state) for end, _ in ends)
-    return ends
+        seen.setdefault(stage, []).extend(Known.of(end.state) for end, *_ in ends)
+    return [(found, models) for found, models, _ in ends]
 
 
 def regained(problem: Problem, held: Problem, sigmas: Mapping[str, float], begun: Begun) -> Solution | None:
@@ -266,7 +271,8 @@ def tethered(problem: Problem) -> Problem | None:
     placed = frozenset(shown & {c.signals[0] for c in mechanism.free})
     kind = type(problem.simulator)  # one that passes over parameters of effects that are left out stays so
     simulator = kind(Held(mechanism.system, mechanism.law, mechanism.effects, placed))
-    trials = [_along(motion, model, simulator) for motion, model in zip(problem.motions, problem.trials, strict=True)]
+    pairs = zip(problem.motions, problem.trials, strict=True)
+    trials = [_along(motion.signals, model, simulator) for motion, model in pairs]
     return problem.varied(simulator=simulator, trials=trials, values={RATE.name: 0.0}, counted=True)
 
 
@@ -287,6 +293,22 @@ def held_by(
     return problem.evaluator(own, sigmas, width=width)
 
 
+def led(path: Path, held: Problem, tau: float, models: Sequence[TrialModel], state: State) -> Problem:
+    """The problem held to the motion that was found under a tether tau long, s, in all trials or in the only one that
+    is let go of."""
+    p = held.values(state.u) | {RATE.name: 1 / tau}
+
+    def along(k: int) -> TrialModel:
+        own, model = held.trials[k], models[k]
+        if path.only not in (None, k):
+            return own
+        run = replace(own, start=model.start, force_scales=model.force_scales).simulate(p, state.locals[k])
+        return _along(run.signals, path.problem.trials[k], held.simulator)
+
+    trials = in_parallel(along, [len(model.t) for model in models])
+    return held.varied(trials=trials, counted=True)
+
+
 def tethers(problem: Problem) -> list[float]:
     """Lengths tau of the tethers in time, s, the shortest first."""
     longest = LONGEST * max(float(model.t[-1] - model.t[0]) for model in problem.trials)
@@ -294,10 +316,10 @@ def tethers(problem: Problem) -> list[float]:
     return [shortest * FADING**k for k in range(1 + int(np.log(longest / shortest) / np.log(FADING)))]
 
 
-def _along(motion: Motion, model: TrialModel, simulator: Simulator) -> TrialModel:
-    """The trial's model with the smoothed motion beside its inputs."""
-    signals = [motion.signals[name] for c in simulator.mechanism.free for name in c.signals[:2]]
-    paths = np.stack([cubic(model.t, samples) for samples in signals], axis=1)
+def _along(motion: Mapping[str, np.ndarray], model: TrialModel, simulator: Simulator) -> TrialModel:
+    """The trial's model with the motion that it is held to, samples by signal, beside its inputs."""
+    names = [name for c in simulator.mechanism.free for name in c.signals[:2]]
+    paths = np.stack([cubic(model.t, motion[name]) for name in names], axis=1)
     coefficients = np.concatenate([model.base.coefficients, paths], axis=1)
     base = InputPath(simulator.mechanism.input_signals, model.t, coefficients, model.base.session)
     return replace(model, simulator=simulator, base=base, directions=None)

@@ -18,9 +18,11 @@ from frictionpinn.identify.tether import (
     LONGEST,
     RATE,
     Path,
+    begun_at,
     followed,
     held_by,
     lagging,
+    led,
     lowest,
     regained,
     tethered,
@@ -73,6 +75,37 @@ def test_tethers_double_from_a_stretch_of_low_speed_to_beyond_the_longest_trial(
     np.testing.assert_allclose(lengths[1:] / lengths[:-1], FADING)
     longest = max(model.t[-1] - model.t[0] for model in problem.trials)
     assert longest < lengths[-1] <= LONGEST * longest
+
+
+def test_held_to_the_motion_found_under_a_tether_wrong_parameters_show_more_than_under_that_one(box):
+    problem, truth = box
+    held, tau, wrong = tethered(problem), 0.05, truth | {"mu_c": 2 * truth["mu_c"], "mu_s": 2 * truth["mu_s"]}
+    state, models = begun_at(problem, problem.space.to_search(wrong))
+    again = led(Path(problem, held, problem.sigmas), held, tau, models, state)
+    under = [distance(problem, by.varied(values={RATE.name: 1 / tau}), wrong, "x") for by in (held, again)]
+    assert 1.2 * under[0] < under[1] < distance(problem, problem, wrong, "x")
+
+
+def test_every_tether_holds_to_the_motion_found_under_the_one_before(box, monkeypatch):
+    problem, _ = box
+    path, held_to, led_from = Path(problem, tethered(problem), problem.sigmas), [], []
+
+    def recorded(problem, tau, *args, **options):
+        held_to.append((tau, problem))
+        return held_by(problem, tau, *args, **options)
+
+    def leading(path, held, tau, *args):
+        led_from.append((tau, led(path, held, tau, *args)))
+        return led_from[-1][1]
+
+    monkeypatch.setattr("frictionpinn.identify.tether.held_by", recorded)
+    monkeypatch.setattr("frictionpinn.identify.tether.led", leading)
+    followed(path, [problem.space.to_search(problem.start)], path.stages, {})
+    taus = tethers(problem)
+    assert held_to[0] == (pytest.approx(taus[0]), path.held)
+    assert [tau for tau, _ in led_from] == pytest.approx(taus)
+    for (tau, by), (before, made) in zip(held_to[1:], led_from, strict=False):
+        assert tau > before and by is made
 
 
 def test_let_go_the_fit_ends_in_the_minimum_of_the_truth(box):
