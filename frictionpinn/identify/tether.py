@@ -135,7 +135,8 @@ class Path:
         if self.held is None or not tether:
             return self.problem.evaluator(models, sigmas=self.sigmas, width=width)
         widths = [width if self.only in (None, k) else 0.0 for k in range(len(models))]
-        return held_by(self.held, 1 / tether, models, self.only, sigmas=self.sigmas, width=widths)
+        at = held_by(self.held, 1 / tether, models, self.only)
+        return at.evaluator(at.trials, self.sigmas, width=widths)
 
     def begun(self, u: np.ndarray) -> Begun | None:
         """Trials that are held as they were measured, see :func:`begun_at`, others as they are."""
@@ -192,7 +193,7 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
         if path.beside and found.state.cost > path.beside[0].cost:
             return None
         if held is not None and stage[0] and not stage[1]:
-            held = led(path, held, 1 / stage[0], models, found.state)
+            held = led(path, held_by(held, 1 / stage[0], models, path.only), found.state)
         return found, models, held
 
     def searched(ends: Sequence[Led], before: Stage, stage: Stage, k: int) -> Led | None:
@@ -276,36 +277,27 @@ def tethered(problem: Problem) -> Problem | None:
     return problem.varied(simulator=simulator, trials=trials, values={RATE.name: 0.0}, counted=True)
 
 
-def held_by(
-    problem: Problem,
-    tau: float,
-    models: Sequence[TrialModel],
-    only: int | None = None,
-    *,
-    sigmas: Mapping[str, float],
-    width: float | Sequence[float] = 0.0,
-) -> Evaluate:
-    """The cost of a tethered problem's trials that begin like these models, the tether tau long, s, in all or in
-    ``only`` one of them."""
-    own = [replace(held, start=model.start, force_scales=model.force_scales,
-                   own={RATE.name: 1 / tau} if only in (None, k) else {})
-           for k, (held, model) in enumerate(zip(problem.trials, models, strict=True))]  # fmt: skip
-    return problem.evaluator(own, sigmas, width=width)
+def held_by(held: Problem, tau: float, models: Sequence[TrialModel], only: int | None = None) -> Problem:
+    """The tethered problem with trials that begin like these models, the tether tau long, s, in all or in ``only`` one
+    of them."""
+    trials = [replace(own, start=model.start, force_scales=model.force_scales,
+                      own={RATE.name: 1 / tau} if only in (None, k) else {})
+              for k, (own, model) in enumerate(zip(held.trials, models, strict=True))]  # fmt: skip
+    return held.varied(trials=trials, counted=True)
 
 
-def led(path: Path, held: Problem, tau: float, models: Sequence[TrialModel], state: State) -> Problem:
-    """The problem held to the motion that was found under a tether tau long, s, in all trials or in the only one that
-    is let go of."""
-    p = held.values(state.u) | {RATE.name: 1 / tau}
+def led(path: Path, held: Problem, state: State) -> Problem:
+    """The problem held to the motion that was found under this tether, where there is one."""
+    p = held.values(state.u)
 
     def along(k: int) -> TrialModel:
-        own, model = held.trials[k], models[k]
-        if path.only not in (None, k):
-            return own
-        run = replace(own, start=model.start, force_scales=model.force_scales).simulate(p, state.locals[k])
+        model = held.trials[k]
+        if not model.own:
+            return model
+        run = model.simulate({**p, **model.own}, state.locals[k])
         return _along(run.signals, path.problem.trials[k], held.simulator)
 
-    trials = in_parallel(along, [len(model.t) for model in models])
+    trials = in_parallel(along, [len(model.t) for model in held.trials])
     return held.varied(trials=trials, counted=True)
 
 

@@ -81,31 +81,30 @@ def test_held_to_the_motion_found_under_a_tether_wrong_parameters_show_more_than
     problem, truth = box
     held, tau, wrong = tethered(problem), 0.05, truth | {"mu_c": 2 * truth["mu_c"], "mu_s": 2 * truth["mu_s"]}
     state, models = begun_at(problem, problem.space.to_search(wrong))
-    again = led(Path(problem, held, problem.sigmas), held, tau, models, state)
+    again = led(Path(problem, held, problem.sigmas), held_by(held, tau, models), state)
     under = [distance(problem, by.varied(values={RATE.name: 1 / tau}), wrong, "x") for by in (held, again)]
     assert 1.2 * under[0] < under[1] < distance(problem, problem, wrong, "x")
 
 
 def test_every_tether_holds_to_the_motion_found_under_the_one_before(box, monkeypatch):
     problem, _ = box
-    path, held_to, led_from = Path(problem, tethered(problem), problem.sigmas), [], []
+    path, held_to, found, cost = Path(problem, tethered(problem), problem.sigmas), [], [], Path.cost
 
-    def recorded(problem, tau, *args, **options):
-        held_to.append((tau, problem))
-        return held_by(problem, tau, *args, **options)
+    def recorded(self, models, stage):
+        held_to.append((stage[0], self.held))
+        return cost(self, models, stage)
 
-    def leading(path, held, tau, *args):
-        led_from.append((tau, led(path, held, tau, *args)))
-        return led_from[-1][1]
+    def leading(path, held, state):
+        found.append(led(path, held, state))
+        return found[-1]
 
-    monkeypatch.setattr("frictionpinn.identify.tether.held_by", recorded)
+    monkeypatch.setattr(Path, "cost", recorded)
     monkeypatch.setattr("frictionpinn.identify.tether.led", leading)
     followed(path, [problem.space.to_search(problem.start)], path.stages, {})
-    taus = tethers(problem)
-    assert held_to[0] == (pytest.approx(taus[0]), path.held)
-    assert [tau for tau, _ in led_from] == pytest.approx(taus)
-    for (tau, by), (before, made) in zip(held_to[1:], led_from, strict=False):
-        assert tau > before and by is made
+    rates, holders = zip(*held_to, strict=True)
+    assert rates == pytest.approx([tether for tether, _ in path.stages])
+    assert len(found) == len(tethers(problem))
+    assert all(by is own for by, own in zip(holders, [path.held, *found], strict=True))
 
 
 def test_let_go_the_fit_ends_in_the_minimum_of_the_truth(box):
@@ -175,8 +174,9 @@ def test_starts_are_compared_at_the_sample_and_not_before(box, monkeypatch):
 def test_a_held_cost_counts_among_the_problems_simulations(box):
     problem, truth = box
     before = problem.simulations
-    evaluate = held_by(tethered(problem), 0.1, problem.trials, sigmas=problem.sigmas)
-    evaluate(problem.space.to_search(truth), [m.local[: m.size(problem.joint)] for m in problem.trials], False)
+    held = held_by(tethered(problem), 0.1, problem.trials)
+    u, locals_ = problem.space.to_search(truth), [m.local[: m.size(problem.joint)] for m in problem.trials]
+    held.evaluator(held.trials)(u, locals_, False)
     assert problem.simulations == before + 1
 
 
