@@ -16,13 +16,17 @@ from ..identify.likelihood import minima_around
 from ..identify.problem import Problem
 from ..identify.tether import regained, tethered
 from ..identify.trial import TrialModel
+from ..numerics.along import samples
 from ..numerics.descent import ENDED, GIVEN, Solution, coarse_to_fine
+from ..numerics.excess import rms
 from ..numerics.minima import assembled, carried
 from ..numerics.parallel import in_parallel
 from ..numerics.quadratic import moved, reduced
 from ..numerics.simulate import Part, Simulation, Simulator
 from ..physics.base import plain_name
+from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
+from ..physics.remainder import Remainder, places
 from ..physics.sizes import Sizes
 from .fit import Fit, fit_declared
 
@@ -36,8 +40,8 @@ class Bench:
 
     Args:
         mechanism: as declared.
-        tested: the same with every candidate effect.
-        probed: that with forces that depend on a variable in any way, for a look at what remains.
+        effects: candidates, and what is declared.
+        remainders: forces that depend on a variable in any way, for a look at what remains; may be none.
         fitted: trials to fit.
         held_out: trials that no fit sees; may have none.
         start: start values of parameters, SI units.
@@ -47,16 +51,20 @@ class Bench:
     def __init__(
         self,
         mechanism: Mechanism,
-        tested: Mechanism,
-        probed: Mechanism,
+        effects: Sequence[Effect],
+        remainders: Sequence[Remainder],
         fitted: Recording,
         held_out: Recording,
         start: Mapping[str, float] | None = None,
         **options: Any,
     ):
-        self.mechanism, self.tested = mechanism, tested
+        declared = {e.name for e in mechanism.effects}
+        every = (*mechanism.effects, *(e for e in effects if e.name not in declared))
+        self.mechanism, self.tested = mechanism, tested = mechanism, Mechanism(mechanism.system, mechanism.law, every)
         self.problem, self.estimate, self.options = fit_declared(mechanism, fitted, start, options)
-        self.simulator, self.probe = Simulator(tested, as_shown=True), Simulator(probed, as_shown=True)
+        self.simulator = Simulator(tested, as_shown=True)
+        self.probe = Simulator(Mechanism(tested.system, tested.law, (*every, *remainders)), as_shown=True)
+        self.remainders = {r.variable: r for r in remainders}
         self.defaults = {par.name: par.value for par in tested.parameters} | tested.system.values
         self.declared = tuple(self.problem.names)
         self.held_out = held_out
@@ -67,11 +75,9 @@ class Bench:
     @cached_property
     def sizes(self) -> Sizes:
         """How large the effects' parameters are on this data: friction forces as the declared model has them."""
-        declared, forces = self.problem.scales.sizes, dict[str, float]()
-        for name in self.runs[0].contacts:
-            force = float(np.sqrt(np.mean(np.concatenate([run.at(name).F for run in self.runs]) ** 2)))
-            forces[name] = force or declared.at(f"{name}.").force
-        return declared.with_forces(forces)
+        declared, contacts = self.problem.scales.sizes, self.runs[0].contacts
+        forces = {name: rms([run.at(name).F for run in self.runs]) for name in contacts}
+        return declared.with_forces({name: force or declared.at(f"{name}.").force for name, force in forces.items()})
 
     def forces(self, contact: str) -> np.ndarray:
         """Friction force at a contact, all trials together, shape (n,); where there is none a force of usual size."""
@@ -82,6 +88,18 @@ class Bench:
     def runs(self) -> list[Simulation]:
         """Every trial at the declared model's fit."""
         return self.simulate(self.base)
+
+    @cached_property
+    def covered(self) -> dict[str, np.ndarray]:
+        """Samples of each remainder's variable, all trials together, shape (n,)."""
+        at = self.mechanism.system.at
+        return {name: np.concatenate([samples(at(r.contact), run, r.symbol) for run in self.runs])
+                for name, r in self.remainders.items()}  # fmt: skip
+
+    @cached_property
+    def places(self) -> dict[str, float]:
+        """Hidden parameters of the remainders, which spread their bumps over what is covered."""
+        return {k: v for name, r in self.remainders.items() for k, v in places(r, self.covered[name]).items()}
 
     @cached_property
     def checked(self) -> Problem | None:

@@ -16,7 +16,6 @@ from ..numerics.along import fastest_period, moving_mass, samples
 from ..numerics.simulate import Simulation
 from ..physics.base import CONTACT, FrictionLaw, contact_of
 from ..physics.effect import Effect
-from ..physics.remainder import Remainder
 from ..physics.scan import data_scales
 from ..physics.system import System
 from .bench import Bench
@@ -92,12 +91,6 @@ def scales(system: System, runs: Sequence[Simulation]) -> dict[str, Scales]:
 
     found = {contact.name: of(system.at(contact.name)) for contact in system.contacts}
     return {"": next(iter(found.values()))} | found
-
-
-def ranges(system: System, remainders: Sequence[Remainder], runs: Sequence[Simulation]) -> dict[str, np.ndarray]:
-    """Samples of each remainder's variable, all trials together."""
-    views = {r.variable: system.at(r.contact) for r in remainders}
-    return {r.variable: np.concatenate([samples(views[r.variable], run, r.symbol) for run in runs]) for r in remainders}
 
 
 def impossible(

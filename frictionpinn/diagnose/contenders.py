@@ -16,6 +16,7 @@ from .held_out import Surprise, surprise
 from .scan import Tested
 
 TESTED = 50  # about as many candidates are tested: the chance is that of all of them together
+Asked = list[tuple[Tested, list[Tested]]]  # candidates to refit, each with those that its score test is not told from
 
 
 @dataclass(frozen=True)
@@ -81,9 +82,7 @@ class Contender:
         return self.fit.cost + (self.surprise.moved if self.surprise else 0.0)
 
 
-def refitted(
-    bench: Bench, before: Fit, asked: Sequence[tuple[Tested, list[Tested]]], settings: Settings
-) -> list[Contender]:
+def refitted(bench: Bench, before: Fit, asked: Asked, settings: Settings) -> list[Contender]:
     """The candidates' fits, the best first, each from the resolution at which it was tested to the sample: from the
     coarse one, too, where a search at the sample comes to no end or gains much less than the score test promised; and
     where any comes to none, a trial that lags behind the others once more in each. Where one still gains much less,
@@ -162,18 +161,14 @@ def reach(tested: Tested) -> dict[str, tuple[float, float]]:
 
 
 def judged(
-    bench: Bench,
-    before: Fit,
-    found: Sequence[Contender],
-    asked: Sequence[tuple[Tested, list[Tested]]],
-    settings: Settings,
+    bench: Bench, before: Fit, found: Sequence[Contender], asked: Asked, settings: Settings
 ) -> tuple[Contender | None, list[Contender], list[Refused]]:
     """The contender that is kept, its rivals of which the evidence is about as good, and those that are refused.
 
     Args:
         before: the fit without any of them.
         found: candidates refitted, the best first.
-        asked: of these the heads, and what the tests do not tell from them.
+        asked: what they were refitted for.
         settings: significances and budgets.
     """
     reference, able = surprise(bench, before), [(c, impossible(bench, c.candidate, c.fit.values)) for c in found]

@@ -17,15 +17,14 @@ from ..identify.problem import simulated_alone
 from ..identify.result import Estimate
 from ..physics.effects import effects_for
 from ..physics.mechanism import Mechanism
-from ..physics.remainder import places, remainders
+from ..physics.remainder import remainders
 from ..show import Shown, Table, interval, readable_unit
 from .bench import Bench
-from .candidates import Candidate, candidates, ranges, scales
+from .candidates import Candidate, candidates, scales
 from .errors import main_signal
-from .fit import Fit
 from .held_out import surprise
 from .select import Accepted, Refused, Selection, Settings, intervals, select
-from .verdict import NO_VERDICT, Network, Unexplained, gate, judge, train_network
+from .verdict import NO_VERDICT, Network, Verdict, gate, judge, train_network
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,24 +33,15 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Shown):
-    """What a declared model lacks.
+class Diagnosis(Shown, Verdict):
+    """What a declared model lacks, beside its :class:`frictionpinn.diagnose.verdict.Verdict`.
 
     Attributes:
-        verdict: "effect found", "nothing missing", "partly explained" or "unexplained", see
-            :class:`frictionpinn.diagnose.verdict.Verdict`.
         accepted: effects that were added, in order.
         refused: candidates with a reason.
-        unexplained: the significant remainder that matters, or None.
-        trifle: one that is significant but smaller than ``settings.worth``, where nothing else is left.
         values: name -> estimate of the augmented model, SI units; ``ci95`` its 95 % intervals (NaN
             where the data do not tell it), ``units`` its units.
         declared: the declared model's estimate.
-        errors: signal -> rms errors and errors beyond the noise on ``scored``, see
-            :func:`frictionpinn.diagnose.errors.compare`.
-        scored: "held-out trials", or "fitted trials" where there are none held out.
-        shares: of the squared error beyond the noise of ``main``, what each effect took off when it was added.
-        left: the share that is left.
         noise: signal -> noise standard deviation, SI units.
         coloured: signals whose noise is correlated in time.
         seconds: wall-clock time.
@@ -67,27 +57,18 @@ class Diagnosis(Shown):
 
     most_rows = None
 
-    verdict: str
     accepted: tuple[Accepted, ...]
     refused: tuple[Refused, ...]
-    unexplained: Unexplained | None
-    trifle: Unexplained | None
     values: dict[str, float]
     ci95: dict[str, tuple[float, float]]
     units: dict[str, str]
     declared: Estimate
-    errors: dict[str, Any]
-    scored: str
-    shares: tuple[dict[str, Any], ...]
-    left: dict[str, Any]
     noise: dict[str, float]
     coloured: tuple[str, ...]
     seconds: float
     settings: Settings
     bench: Bench
     selection: Selection
-    before: Fit
-    after: Fit
     network: Network | None = None
     fitted: Recording = field(default_factory=lambda: Recording((), {}))
     whole: tuple[Recording, ...] = ()
@@ -179,37 +160,28 @@ def diagnose(
     whole = fitted, held_out or Recording((), fitted.units)
     fitted, held_out = _looked_at(whole, settings.samples, options.get("windows"))
     system, law = mechanism.system, mechanism.law
-    kinds, probes, given = effects_for(system, law, effects), remainders(system), {e.name for e in mechanism.effects}
-    every = (*mechanism.effects, *(e for e in kinds if e.name not in given))
-    tested, probed = Mechanism(system, law, every), Mechanism(system, law, (*every, *probes))
-    bench = Bench(mechanism, tested, probed, fitted, held_out, start, **options)
-    runs = bench.runs
-    options_ = candidates(kinds, system, law, scales(system, runs))
+    kinds, given = effects_for(system, law, effects), {e.name for e in mechanism.effects}
+    bench = Bench(mechanism, kinds, remainders(system), fitted, held_out, start, **options)
     declared = {par.name for e in mechanism.effects for par in e.parameters_on(system, law)}
-    options_ = tuple(replace(c, hidden=(), grid=({},)) if c.effect in given else c for c in options_)
-    options_ = tuple(c for c in options_ if not declared & set(c.strengths))
-    covered = ranges(system, probes, runs)
-    where = {k: v for r in probes for k, v in places(r, covered[r.variable]).items()}
+    options_ = candidates(kinds, system, law, scales(system, bench.runs))
+    options_ = tuple(replace(c, hidden=(), grid=({},)) if c.effect in given else c
+                     for c in options_ if not declared & set(c.strengths))  # fmt: skip
     log.info(f"{len(options_)} candidates of {len({c.effect for c in options_})} effects, "
              f"{sum(len(c.grid) for c in options_)} shapes")  # fmt: skip
-    selection = select(bench, options_, probes, where, settings)
-    forces = {r.variable: bench.forces(r.contact) for r in probes}
-    verdict = judge(bench, selection, probes, where, covered, forces, settings)
+    selection = select(bench, options_, settings)
+    verdict = judge(bench, selection, settings)
     fit, scanned = verdict.fit, verdict.scanned
     accepted = tuple(selection.accepted) if fit is selection.fit else ()
     refused = _reasons(selection, options_, accepted, settings)
     values, ci95 = intervals(bench, fit, scanned)
-    fallback = None
-    if verdict.rest is not None and network:
-        fallback = train_network(bench, fit, scanned.remaining, probes, where, scanned.sigmas)
-    units = {name: bench.tested.read_in[name] for name in fit.names}
-    doubts = tuple(gate(bench, accepted, values, ci95))
-    name = NO_VERDICT if doubts else verdict.name
+    fallback = train_network(bench, fit, scanned) if network and verdict.unexplained else None
+    if doubts := tuple(gate(bench, accepted, values, ci95)):
+        verdict = replace(verdict, verdict=NO_VERDICT)
     return Diagnosis(
-        name, accepted, refused, verdict.rest, verdict.trifle, values, ci95, units, bench.estimate,
-        verdict.errors, verdict.scored, verdict.shares, verdict.left, scanned.sigmas, scanned.noise.coloured,
-        time.perf_counter() - began, settings, bench, selection, verdict.before, verdict.after, fallback, fitted,
-        whole, doubts=doubts,
+        **vars(verdict), accepted=accepted, refused=refused, values=values, ci95=ci95,
+        units={name: bench.tested.read_in[name] for name in fit.names}, declared=bench.estimate, noise=scanned.sigmas,
+        coloured=scanned.noise.coloured, seconds=time.perf_counter() - began, settings=settings, bench=bench,
+        selection=selection, network=fallback, fitted=fitted, whole=whole, doubts=doubts,
     )  # fmt: skip
 
 
@@ -228,10 +200,8 @@ def _reasons(
     """Every candidate that was not added, with why."""
     taken = {a.candidate.name for a in accepted}
     result = {name: r for name, r in selection.refused.items() if name not in taken}
-    for a in selection.accepted:
-        if a.candidate.name not in taken:
-            why = "takes off less than a fifth of the squared error beyond the noise"
-            result[a.candidate.name] = Refused(a.candidate, why)
+    weak = [a.candidate for a in selection.accepted if a.candidate.name not in taken]
+    result |= {c.name: Refused(c, "takes off less than a fifth of the squared error beyond the noise") for c in weak}
     final = {t.candidate.name: t for t in selection.last.tested}
     first = {t.candidate.name: t for t in selection.first.tested}
     for c in options:

@@ -14,7 +14,7 @@ from ..errors import UserError
 from ..identify.trial import TrialModel
 from ..numerics.along import samples, signal_symbols
 from ..numerics.coloured import lone
-from ..numerics.excess import NEIGHBOURS, RESIDUAL, Excess, Level, if_apart, noise_level
+from ..numerics.excess import NEIGHBOURS, RESIDUAL, Excess, Level, if_apart, noise_level, rms
 from ..physics.system import System
 from .bench import Bench
 from .fit import Fit
@@ -115,11 +115,6 @@ def residuals(bench: Bench, fit: Fit, outliers: Masks) -> dict[str, list[np.ndar
             r = piece.residuals.get(name, np.full(len(model.t), np.nan))
             result.setdefault(name, []).append(np.where(masks.get(name, False), np.nan, r))
     return {name: own for name, own in result.items() if not all(np.isnan(r).all() for r in own)}
-
-
-def rms(own: Sequence[np.ndarray]) -> float:
-    """Root mean square over all trials."""
-    return float(np.sqrt(np.nanmean(np.concatenate(own) ** 2)))
 
 
 def frictions(system: System) -> dict[str, tuple[System, sp.Expr]]:

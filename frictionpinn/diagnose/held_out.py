@@ -39,31 +39,28 @@ def check(bench: Bench, fit: Fit) -> Fit | None:
 
     None without such trials, or where they cannot be simulated.
     """
-    found = _judged(bench, fit)
-    return None if found is None else found[0]
+    return _judged(bench, fit)[0]
 
 
 def surprise(bench: Bench, fit: Fit) -> Surprise | None:
     """What trials that no fit saw say of a fit; None without such trials, or where they cannot be simulated."""
-    found = _judged(bench, fit)
-    return None if found is None else found[1]
+    return _judged(bench, fit)[1]
 
 
-def _judged(bench: Bench, fit: Fit) -> tuple[Fit, Surprise] | None:
+def _judged(bench: Bench, fit: Fit) -> tuple[Fit | None, Surprise | None]:
     """The held-out trials with the fit's parameters, and what they say of it.
 
     A slip a little early or late makes minima in the trials' own unknowns, fewer of them where the parameters may move
     as far as the fit leaves them open. So these unknowns are searched with the parameters as fitted, then both, and the
     unknowns to which that leads are tried with the parameters as fitted.
     """
-    found = _held_out(bench, fit)
-    if found is None:
-        return None
+    if (found := _held_out(bench, fit)) is None:
+        return None, None
     problem, models, first, plain = found
     at, limits, widths = first.u, problem.space.limits, problem.resolutions
     held = _own_unknowns(problem, plain, problem.apart(models, fit.sigmas), first)
     if held is None:
-        return None
+        return None, None
     moved = None
     if fit.state.curved:
         S = reduced(fit.state)[0] + FAINT * np.eye(len(at))

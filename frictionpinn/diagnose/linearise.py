@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,23 +14,20 @@ from .bench import Bench
 from .fit import Fit
 
 
-def on_probe(bench: Bench, fit: Fit, values: Mapping[str, float]) -> Fit:
-    """The fit on the mechanism with forces that depend on a variable in any way, all of these still zero.
-
-    ``values`` are of other parameters of it than the fit's: hidden ones.
-    """
+def on_probe(bench: Bench, fit: Fit) -> Fit:
+    """The fit on the mechanism with forces that depend on a variable in any way, all of these still zero."""
     idle = {par.name: float(par.value) for par in bench.probe.mechanism.parameters if par.value is not None}
     models = tuple(replace(model, simulator=bench.probe) for model in fit.models)
-    return replace(fit, values=idle | fit.values | dict(values), models=models)
+    return replace(fit, values=idle | fit.values | bench.places, models=models)
 
 
-def linearise(bench: Bench, fit: Fit, names: Sequence[str], values: Mapping[str, float]) -> list[Rows]:
+def linearise(bench: Bench, fit: Fit, names: Sequence[str]) -> list[Rows]:
     """Every trial at a fit, see :func:`on_probe`, with derivatives in the parameters ``names``.
 
     Raises:
         ContactLost, SimulationFailed: the model cannot be simulated there.
     """
-    fit, loss, joint = on_probe(bench, fit, values), bench.problem.loss, bench.problem.joint
+    fit, loss, joint = on_probe(bench, fit), bench.problem.loss, bench.problem.joint
 
     def work(k: int) -> Rows:
         model, local = fit.models[k], fit.locals[k]

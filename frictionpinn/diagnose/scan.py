@@ -20,7 +20,7 @@ from ..numerics.resolution import samples_within
 from ..numerics.score import SINGULAR, TINY, Columns, Normal, Rows, Score, beside, log_p, solve, weighted
 from ..numerics.simulate import ContactLost, Simulation, SimulationFailed
 from ..numerics.tangent import Tangent
-from ..physics.remainder import BUMPS, Remainder
+from ..physics.remainder import BUMPS
 from .bench import Bench
 from .candidates import Candidate
 from .fit import Fit
@@ -102,29 +102,18 @@ class Scanned:
     sigmas: dict[str, float]
 
 
-def scan(
-    bench: Bench,
-    fit: Fit,
-    options: Sequence[Candidate],
-    remainders: Sequence[Remainder],
-    places: Mapping[str, float],
-) -> Scanned:
-    """Score tests of every candidate and every variable at a fit.
-
-    Args:
-        options: candidates that are not part of the fit.
-        remainders: of the probed mechanism; may be empty.
-        places: hidden parameters of the remainders.
-    """
+def scan(bench: Bench, fit: Fit, options: Sequence[Candidate]) -> Scanned:
+    """Score tests of every variable at a fit, and of candidates that are not part of it, the ``options``."""
     middle = {name: value for c in options for name, value in c.grid[len(c.grid) // 2].items()}
     fit = replace(fit, values=fit.values | middle)
     strengths = dict.fromkeys(name for c in options for name in c.strengths)
     probed = bench.probe.mechanism
-    variables = [(r.variable, *group) for r in remainders for group in r.groups(probed.system, probed.law).items()]
+    shapes = bench.remainders.items()
+    variables = [(name, *own) for name, r in shapes for own in r.groups(probed.system, probed.law).items()]
     bumps = [name for *_, own in variables for name in own]
     names = (*fit.names, *strengths, *bumps)
-    rows = linearise(bench, fit, names, places)
-    sizes = {par.name: bench.sizes.of(par) for par in bench.probe.mechanism.parameters if par.name in names}
+    rows = linearise(bench, fit, names)
+    sizes = {par.name: bench.sizes.of(par) for par in probed.parameters if par.name in names}
     wild = _overflowing(fit, [row.change for row in rows], [sizes[name] for name in names])
     finite = [replace(row, change=np.where(wild, 0.0, row.change)) for row in rows] if wild.any() else rows
     noise = _noise(finite)

@@ -8,11 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..identify.uncertainty import UNTOLD, interval
-from ..physics.remainder import Remainder
 from ..progress import Steps
 from .bench import Bench
 from .candidates import Candidate, impossible
-from .contenders import Contender, Refused, Settings, explains_less, in_place, judged, needed, refitted
+from .contenders import Asked, Contender, Refused, Settings, explains_less, in_place, judged, needed, refitted
 from .fit import Fit
 from .scan import Scanned, Tested, scan
 
@@ -63,13 +62,7 @@ class Selection:
     refused: dict[str, Refused] = field(default_factory=dict)
 
 
-def select(
-    bench: Bench,
-    options: Sequence[Candidate],
-    remainders: Sequence[Remainder],
-    places: Mapping[str, float],
-    settings: Settings,
-) -> Selection:
+def select(bench: Bench, options: Sequence[Candidate], settings: Settings) -> Selection:
     """Find what the declared model lacks.
 
     1. The declared model is fitted by maximum likelihood, from a coarse resolution in time to the single sample.
@@ -89,7 +82,6 @@ def select(
     Args:
         bench: the fitted declared model.
         options: candidates.
-        remainders, places: forces that depend on a variable, see :func:`frictionpinn.diagnose.scan.scan`.
         settings: significances and budgets.
     """
 
@@ -98,7 +90,7 @@ def select(
         # What shapes an effect that is part of the model is known: its other strengths are tested with that.
         present = {a.candidate.effect for a in accepted}
         left = [replace(c, hidden=(), grid=({},)) if c.effect in present else c for c in options]
-        return scan(bench, fit, [c for c in left if not taken & set(c.strengths)], remainders, places)
+        return scan(bench, fit, [c for c in left if not taken & set(c.strengths)])
 
     chance = settings.log_p - float(np.log10(max(len(options), 1)))
     banned: set[str] = set()  # what came and had to go again
@@ -149,12 +141,10 @@ def select(
     return selection
 
 
-def _heads(
-    tests: Sequence[Tested], banned: Collection[str], chance: float, settings: Settings
-) -> list[tuple[Tested, list[Tested]]]:
+def _heads(tests: Sequence[Tested], banned: Collection[str], chance: float, settings: Settings) -> Asked:
     """The most significant candidates, each with those that the score tests do not tell from it; and of those that
     could not be tested, since their derivatives overflow, the ones with a single parameter."""
-    heads: list[tuple[Tested, list[Tested]]] = []
+    heads: Asked = []
     tests = [t for t in tests if t.candidate.name not in banned]
     for t in sorted(tests, key=lambda t: t.log_p):
         group = next((g for head, g in heads if _cosine(head, t) > ALIKE), None)
@@ -188,9 +178,7 @@ def _evidence(before: Fit, winner: Contender) -> dict[str, float]:
     return evidence if winner.gain is None else evidence | {"gain_held_out": winner.gain}
 
 
-def _accepted(
-    before: Fit, winner: Contender, found: Sequence[Contender], asked: Sequence[tuple[Tested, list[Tested]]]
-) -> Accepted:
+def _accepted(before: Fit, winner: Contender, found: Sequence[Contender], asked: Asked) -> Accepted:
     """The winner as it is added, with what else was asked: as it was fitted, or else as the winner, its like. Of what
     was tested twice the test at the sample is taken, for the winner too: statistics and steps of two resolutions do not
     compare."""

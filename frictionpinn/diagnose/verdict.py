@@ -37,10 +37,10 @@ class Verdict:
     """What is said of a selection.
 
     Attributes:
-        name: "effect found": nothing is left that matters; "nothing missing": neither was there before;
+        verdict: "effect found": nothing is left that matters; "nothing missing": neither was there before;
             "partly explained": held-out trials confirm the added effects, and what is left matters; "unexplained": no
             effects, or such as take off less than a fifth of the squared error beyond the noise.
-        rest: the significant remainder that matters, or None.
+        unexplained: the significant remainder that matters, or None.
         trifle: one that is significant, but smaller than ``Settings.worth``, where no other is left.
         fit, scanned: the model that the verdict is about, and what is known at it.
         before, after: declared and augmented model on the trials of ``scored``.
@@ -51,8 +51,8 @@ class Verdict:
         left: the share that is left.
     """
 
-    name: str
-    rest: Unexplained | None
+    verdict: str
+    unexplained: Unexplained | None
     trifle: Unexplained | None
     fit: Fit
     scanned: Scanned
@@ -64,22 +64,8 @@ class Verdict:
     left: dict[str, Any]
 
 
-def judge(
-    bench: Bench,
-    selection: Selection,
-    remainders: Sequence[Remainder],
-    places: Mapping[str, float],
-    covered: Mapping[str, np.ndarray],
-    forces: Mapping[str, np.ndarray],
-    settings: Settings,
-) -> Verdict:
-    """Judge a selection.
-
-    Args:
-        remainders, places: see :func:`frictionpinn.diagnose.scan.scan`.
-        covered: samples of every remainder's variable, shape (n,) each.
-        forces: friction force at its contact at the same samples, see :meth:`Bench.forces`.
-    """
+def judge(bench: Bench, selection: Selection, settings: Settings) -> Verdict:
+    """Judge a selection."""
     path = [selection.base, *(a.fit for a in selection.accepted)]
     judged = [check(bench, fit) for fit in path]
     fits = [fit for fit in judged if fit is not None]
@@ -98,8 +84,7 @@ def judge(
         return [m for m in remaining if m.log_p + np.log10(len(remaining)) < settings.log_p]
 
     remaining = significant(selection.last.remaining)
-    bumps = {r.variable: r.bumps(covered[r.variable], places) for r in remainders}
-    matter = [m for m in remaining if size(m, bumps[m.variable], forces[m.variable]) >= settings.worth]
+    matter = [m for m in remaining if size(m, *along(bench, m.variable)) >= settings.worth]
     if not matter:
         name = FOUND if selection.accepted else NOTHING
     elif selection.accepted and not excess.squared[-1] > (1 - FIFTH) * excess.squared[0]:
@@ -113,7 +98,7 @@ def judge(
             shares, left = (), whole
 
     def told(remaining: Sequence[Remaining]) -> Unexplained | None:
-        return describe(bench, fit, remaining, remainders, places, covered, forces) if remaining else None
+        return describe(bench, fit, remaining) if remaining else None
 
     trifle = None if matter else told(remaining)
     return Verdict(name, told(matter), trifle, fit, scanned, before, after, scored, errors, shares, left)
@@ -178,34 +163,26 @@ class Unexplained:
         return not self.share < CONFIRMED
 
 
-def describe(
-    bench: Bench,
-    fit: Fit,
-    remaining: Sequence[Remaining],
-    remainders: Sequence[Remainder],
-    places: Mapping[str, float],
-    covered: Mapping[str, np.ndarray],
-    forces: Mapping[str, np.ndarray],
-) -> Unexplained:
-    """Describe what a scan found to remain.
-
-    Args:
-        fit: the model whose remainder it is.
-        remaining: of the scan, the most significant first.
-        remainders, places, covered, forces: see :func:`judge`.
-    """
+def describe(bench: Bench, fit: Fit, remaining: Sequence[Remaining]) -> Unexplained:
+    """Describe what a scan found to remain of a fit, the most significant first."""
     best = remaining[0]
     names = tuple(dict.fromkeys(m.variable for m in remaining if m.log_p < SIMILAR * best.log_p))
-    remainder = next(r for r in remainders if r.variable == best.variable)
-    low, high = np.quantile(covered[best.variable], [0.01, 0.99])  # where the data are
+    remainder = bench.remainders[best.variable]
+    low, high = np.quantile(bench.covered[best.variable], [0.01, 0.99])  # where the data are
     x = np.linspace(low, high, POINTS)
-    bumps = remainder.bumps(x, places)
+    bumps = remainder.bumps(x, bench.places)
     shape = bumps @ best.coefficients
     error = np.sqrt(np.maximum(np.einsum("ik,kl,il->i", bumps, best.errors, bumps), 0.0))
-    share, formula = explained_share(bench, fit, best, places), sparse_formula(x, shape, error, best.variable)
+    share, formula = explained_share(bench, fit, best), sparse_formula(x, shape, error, best.variable)
     unit = bench.mechanism.system.at(remainder.contact).force_unit if best.kind == "force" else "1"
-    whole = size(best, remainder.bumps(covered[best.variable], places), forces[best.variable])
+    whole = size(best, *along(bench, best.variable))
     return Unexplained(names, best.kind, share, formula, x, shape, error, unit, best.log_p, whole)
+
+
+def along(bench: Bench, variable: str) -> tuple[np.ndarray, np.ndarray]:
+    """Bumps of a remainder at all samples, shape (n, BUMPS), and the friction force at its contact there, (n,)."""
+    remainder = bench.remainders[variable]
+    return remainder.bumps(bench.covered[variable], bench.places), bench.forces(remainder.contact)
 
 
 def size(m: Remaining, bumps: np.ndarray, forces: np.ndarray) -> float:
@@ -221,12 +198,12 @@ def size(m: Remaining, bumps: np.ndarray, forces: np.ndarray) -> float:
     return float(np.sqrt(max(float(np.mean(weight * squared)), 0.0) / whole))
 
 
-def explained_share(bench: Bench, fit: Fit, found: Remaining, places: Mapping[str, float]) -> float:
+def explained_share(bench: Bench, fit: Fit, found: Remaining) -> float:
     """Share of the held-out residual beyond noise that the remainder, estimated on the fitted trials, explains."""
     checked = check(bench, fit)
     if checked is None:
         return float("nan")
-    rows = linearise(bench, checked, found.names, places)
+    rows = linearise(bench, checked, found.names)
     columns = [Columns.of(row, Noise()) for row in rows]
     normal = Normal.of(found.names, columns)
     # A fit may take what it lacks for noise; differences from sample to sample do not.
@@ -264,27 +241,13 @@ class Network:
     errors: dict[str, dict[str, Any]]
 
 
-def train_network(
-    bench: Bench,
-    fit: Fit,
-    remaining: Sequence[Remaining],
-    remainders: Sequence[Remainder],
-    places: Mapping[str, float],
-    sigmas: Mapping[str, float],
-) -> Network | None:
-    """Train the network through the equation of motion, on the variable with the most significant remainder.
+def train_network(bench: Bench, fit: Fit, scanned: Scanned) -> Network | None:
+    """Train the network through the equation of motion, on the variable with the most significant remainder of a fit.
 
     None where no fit succeeds.
-
-    Args:
-        fit: the model that leaves the remainder.
-        remaining: what is left, the most significant first.
-        remainders, places: the terms by variable, and where their radial units lie.
-        sigmas: noise standard deviations, SI units.
     """
-    best = remaining[0]
-    effect = next(r for r in remainders if r.variable == best.variable)
-    start = on_probe(bench, fit, places)
+    best = scanned.remaining[0]
+    effect, start = bench.remainders[best.variable], on_probe(bench, fit)
     steps = dict(zip(best.names, best.coefficients, strict=True))
     tried = [bench.refit(start, (*fit.names, *best.names), start.values | weights) for weights in ({}, steps)]
     found = min((f for f in tried if f is not None), key=lambda f: f.state.cost, default=None)
@@ -293,4 +256,4 @@ def train_network(
     before, after = check(bench, start), check(bench, found)
     pair = (start, found) if before is None or after is None else (before, after)
     values = {name: found.values[name] for name in (*best.names, *effect.place)}
-    return Network(effect, best.kind, values, found, compare(bench, pair, sigmas)[0])
+    return Network(effect, best.kind, values, found, compare(bench, pair, scanned.sigmas)[0])

@@ -29,6 +29,11 @@ MANY = 6.0  # blocks in all trials together at least: fewer make no distribution
 FADED = 0.05  # autocorrelation below which a residual counts as uncorrelated
 
 
+def rms(own: Sequence[np.ndarray]) -> float:
+    """Root mean square over all trials, NaN left out."""
+    return float(np.sqrt(np.nanmean(np.concatenate(own) ** 2)))
+
+
 @dataclass(frozen=True)
 class Level:
     """Noise of a signal.

@@ -21,6 +21,7 @@ from frictionpinn.numerics import descent
 from frictionpinn.numerics.quadratic import State
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
 from frictionpinn.physics.contacts import law_named
+from frictionpinn.physics.effects import effects_for
 from frictionpinn.physics.mechanism import Mechanism
 
 FORCE = 0.3  # N
@@ -29,8 +30,8 @@ FORCE = 0.3  # N
 def bench_of(acting=(), values=None) -> Bench:
     system, made = recorded(acting, values)
     declared = Mechanism(system, LAWS["lugre"]())
-    tested = Mechanism(system, declared.law, ("constant_force",))
-    return Bench(declared, tested, tested, made.select(made.names[:2]), made.select(()))
+    effects = effects_for(system, declared.law, ["constant_force"])
+    return Bench(declared, effects, (), made.select(made.names[:2]), made.select(()))
 
 
 @pytest.fixture(scope="module")
@@ -175,7 +176,7 @@ def test_where_an_effect_leads_out_of_a_wrong_minimum_the_model_without_it_follo
     options = candidates(
         [effect], bench.mechanism.system, bench.mechanism.law, scales(bench.mechanism.system, bench.runs)
     )
-    found = select(bench, options, (), {}, Settings())
+    found = select(bench, options, Settings())
     assert [a.candidate.name for a in found.accepted] == ["constant_force"]
     assert found.base.state.cost == pytest.approx(right.state.cost, abs=2.0)
     assert found.fit.values["constant_force"] == pytest.approx(FORCE, rel=0.1)
@@ -193,9 +194,8 @@ def test_a_mechanism_that_moves_alike_begins_with_its_bristle_as_far_bent():
     truth = {"sigma_0": 2e4, "sigma_1": 150.0, "sigma_2": 2.0, "mu_c": 3.0, "mu_s": 4.0, "v_s": 5e-3}
     trials = [{"duration": 1.5, "force": "8*sin(9*t)"}, {"duration": 1.5, "force": "6*sin(7*t + 0.5*sin(7*t))"}]
     clean = simulate_recording(system, "lugre", truth | {"gain_error_force": -0.05}, trials, 100.0, ["gain_error"])
-    tested = Mechanism(system, law, ("gain_error", "inertia"))
-    noisy = GaussianNoise(0.02)(clean, 0)
-    bench = Bench(Mechanism(system, law), tested, tested, noisy, clean.select(()))
+    effects, noisy = effects_for(system, law, ["gain_error", "inertia"]), GaussianNoise(0.02)(clean, 0)
+    bench = Bench(Mechanism(system, law), effects, (), noisy, clean.select(()))
     weak = bench.refit(bench.base, (*bench.declared, "gain_error_force"), bench.base.values)
     more = 1 / (1 + weak.values["gain_error_force"])  # (1 + g) F = M a + F_f is F = (M a + F_f) / (1 + g)
     heavy = {name: more * weak.values[name] for name in ("sigma_0", "sigma_1", "sigma_2", "mu_c", "mu_s")}
@@ -212,9 +212,8 @@ def test_a_force_that_goes_from_one_mass_to_the_other_strains_the_coupling_and_l
     trials = [{"duration": 2.0, "tau": "1.2*sin(6*t)"}, {"duration": 2.0, "tau": "0.8*sin(4*t) + 0.4*sin(19*t)"}]
     clean = simulate_recording(system, "coulomb_viscous", truth | {"load.constant_force": 0.1}, trials, 100.0,
                                ["constant_force@load"])  # fmt: skip
-    declared = Mechanism(system, law)
-    tested = Mechanism(system, law, ("constant_force@load", "constant_force@motor"))
-    bench = Bench(declared, tested, tested, GaussianNoise(0.02)(clean, 0), clean.select(()))
+    effects = effects_for(system, law, ["constant_force@load", "constant_force@motor"])
+    bench = Bench(Mechanism(system, law), effects, (), GaussianNoise(0.02)(clean, 0), clean.select(()))
     load = bench.refit(bench.base, (*bench.declared, "load.constant_force"), bench.base.values)
     swapped = load.values | {"load.constant_force": 0.0, "motor.constant_force": load.values["load.constant_force"]}
     names = (*bench.declared, "motor.constant_force")

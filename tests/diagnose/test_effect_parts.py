@@ -7,6 +7,7 @@ from test_diagnosis import recorded
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.physics import LAWS
+from frictionpinn.physics.effects import effects_for
 from frictionpinn.physics.mechanism import Mechanism
 
 
@@ -14,8 +15,8 @@ from frictionpinn.physics.mechanism import Mechanism
 def bench() -> Bench:
     system, made = recorded()
     law = LAWS["lugre"]()
-    tested = Mechanism(system, law, ("ripple", "drag", "dwell"))
-    return Bench(Mechanism(system, law), tested, tested, made.select(made.names[:2]), made.select(()))
+    effects = effects_for(system, law, ["ripple", "drag", "dwell"])
+    return Bench(Mechanism(system, law), effects, (), made.select(made.names[:2]), made.select(()))
 
 
 def names(simulator):

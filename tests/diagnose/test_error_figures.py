@@ -21,7 +21,7 @@ def errors(noise):
     system = SYSTEMS["drive"](M=1.0)
     made = noise(simulate_recording(system, "lugre", TRUTH, TRIALS, 200.0), 0)
     mechanism = Mechanism(system, LAWS["lugre"]())
-    bench = Bench(mechanism, mechanism, mechanism, made, made.select(()), loss="auto")
+    bench = Bench(mechanism, (), (), made, made.select(()), loss="auto")
     fit = bench.base
     return compare(bench, [fit, fit], fit.levels(bench.problem.loss))[0]
 
@@ -44,7 +44,7 @@ def test_inputs_are_reported_as_the_model_needs_them_and_of_an_imposed_motion_on
     trials = [{"duration": 2.0, "x": "0.02*sin(2*pi*t)"}, {"duration": 2.0, "x": "0.03*sin(3*pi*t)"}]
     made = GaussianNoise(0.02)(simulate_recording(system, "coulomb_viscous", truth, trials, 200.0), 0)
     mechanism = Mechanism(system, LAWS["coulomb_viscous"]())
-    bench = Bench(mechanism, mechanism, mechanism, made, made.select(()))
+    bench = Bench(mechanism, (), (), made, made.select(()))
     fit = bench.base
     found = compare(bench, [fit, fit], fit.levels(bench.problem.loss))[0]
     assert [name for name, e in found.items() if "relative" in e] == [next(iter(found))] and len(found) > 1

@@ -16,6 +16,7 @@ from frictionpinn.diagnose.held_out import check, surprise
 from frictionpinn.identify import Problem
 from frictionpinn.numerics.descent import Solution
 from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.effects import effects_for
 from frictionpinn.physics.mechanism import Mechanism
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
@@ -26,8 +27,8 @@ from wide_draw import draw
 def bench_of(held_out: int) -> Bench:
     system, made = recorded()
     declared = Mechanism(system, LAWS["lugre"]())
-    tested = Mechanism(system, declared.law, ("constant_force",))
-    return Bench(declared, tested, tested, made.select(made.names[:2]), made.select(made.names[3 - held_out :]))
+    effects = effects_for(system, declared.law, ["constant_force"])
+    return Bench(declared, effects, (), made.select(made.names[:2]), made.select(made.names[3 - held_out :]))
 
 
 @pytest.fixture(scope="module")

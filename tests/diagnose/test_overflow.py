@@ -18,9 +18,7 @@ NAMES = "asymmetry", "drag", "inertia"
 
 def scanned(drive):
     bench, table = drive
-    return {
-        t.candidate.name: t for t in scanning.scan(bench, bench.base, [table[name] for name in NAMES], (), {}).tested
-    }
+    return {t.candidate.name: t for t in scanning.scan(bench, bench.base, [table[name] for name in NAMES]).tested}
 
 
 def spoilt(work, value, column):
@@ -52,7 +50,7 @@ def test_a_simulation_that_fails_at_some_shape_leaves_the_others(drive, monkeypa
     ripple = table["ripple (force)"]
 
     def tested():
-        return scanning.scan(bench, bench.base, [ripple], (), {}).tested[0]
+        return scanning.scan(bench, bench.base, [ripple]).tested[0]
 
     usual, respond = tested(), scanning.Tangent.respond
 
@@ -90,7 +88,7 @@ def test_with_hardly_more_rows_than_candidates_the_noise_is_that_of_the_fit(driv
     # At a coarse resolution a short recording has fewer rows than could explain them: no noise is left to see.
     bench, _ = drive
     names = (*bench.base.names, *NAMES)
-    rows = scanning.linearise(bench, bench.base, names, {})
+    rows = scanning.linearise(bench, bench.base, names)
     few = len(names) // sum(len(row.signals) for row in rows) + 1
     short = [
         replace(row, r=row.r[:, :few], change=row.change[:, :few], local=row.local[:, :few], weight=row.weight[:, :few])

@@ -20,8 +20,7 @@ def drive():
     system, made = recorded()
     law = LAWS["lugre"]()
     kinds = effects_for(system, law, ["payload", "inertia", "delay", "ripple", "asymmetry", "drag"])
-    mechanism, tested = Mechanism(system, law), Mechanism(system, law, kinds)
-    bench = Bench(mechanism, tested, tested, made, made.select(()))
+    bench = Bench(Mechanism(system, law), kinds, (), made, made.select(()))
     made = candidates(kinds, system, law, scales(system, bench.simulate(bench.base)))
     return bench, {c.name: c for c in made}
 

@@ -9,12 +9,11 @@ import pytest
 from test_diagnosis import Waves, diagnosed
 
 from frictionpinn.diagnose import verdict as verdicts
-from frictionpinn.diagnose.candidates import ranges
 from frictionpinn.diagnose.scan import Remaining
 from frictionpinn.diagnose.select import Settings
 from frictionpinn.diagnose.verdict import judge, size
 from frictionpinn.physics.base import CONTACT
-from frictionpinn.physics.remainder import BUMPS, Remainder, places
+from frictionpinn.physics.remainder import BUMPS, Remainder
 from frictionpinn.report.diagnosis import headline
 from frictionpinn.workflow.diagnose import as_dict
 
@@ -27,12 +26,7 @@ def partly():
 
 
 def judged(d, **options):
-    system, runs = d.bench.mechanism.system, d.bench.simulate(d.selection.base)
-    probes = [e for e in d.bench.probe.mechanism.effects if isinstance(e, Remainder)]
-    covered = ranges(system, probes, runs)
-    where = {k: v for r in probes for k, v in places(r, covered[r.variable]).items()}
-    forces = {r.variable: d.bench.forces(r.contact) for r in probes}
-    return judge(d.bench, d.selection, probes, where, covered, forces, Settings(**options))
+    return judge(d.bench, d.selection, Settings(**options))
 
 
 def test_a_name_that_held_out_trials_confirm_beside_a_remainder_is_part_of_the_answer(partly):
@@ -55,8 +49,8 @@ def test_a_name_that_held_out_trials_confirm_beside_a_remainder_is_part_of_the_a
 
 def test_what_is_significant_but_smaller_than_asked_for_changes_no_verdict_and_is_said(partly):
     found = judged(partly, worth=0.9)
-    assert found.name == "effect found" and found.rest is None and "position" in found.trifle.depends_on[:2]
-    said = headline(replace(partly, verdict=found.name, unexplained=None, trifle=found.trifle))
+    assert found.verdict == "effect found" and found.unexplained is None and "position" in found.trifle.depends_on[:2]
+    said = headline(replace(partly, verdict=found.verdict, unexplained=None, trifle=found.trifle))
     assert "Significant but small: " in said and f"{100 * found.trifle.size:.2g} % of the friction force" in said
 
 
@@ -64,7 +58,7 @@ def test_what_is_significant_but_smaller_than_asked_for_changes_no_verdict_and_i
 def test_names_that_take_off_less_than_asked_for_leave_it_unexplained(partly, monkeypatch, least, name, effects):
     monkeypatch.setattr(verdicts, "FIFTH", least)
     found = judged(partly)
-    assert found.name == name and len(found.shares) == effects
+    assert found.verdict == name and len(found.shares) == effects
     assert (found.fit is partly.selection.fit) == bool(effects)
     if not effects:
         assert found.after is found.before and found.left["value"] == 1.0
