@@ -60,12 +60,12 @@ class Bench:
     ):
         declared = {e.name for e in mechanism.effects}
         every = (*mechanism.effects, *(e for e in effects if e.name not in declared))
-        self.mechanism, self.tested = mechanism, tested = mechanism, Mechanism(mechanism.system, mechanism.law, every)
+        self.mechanism, self.tested = mechanism, Mechanism(mechanism.system, mechanism.law, every)
         self.problem, self.estimate, self.options = fit_declared(mechanism, fitted, start, options)
-        self.simulator = Simulator(tested, as_shown=True)
-        self.probe = Simulator(Mechanism(tested.system, tested.law, (*every, *remainders)), as_shown=True)
+        self.simulator = Simulator(self.tested, as_shown=True)
+        self.probe = Simulator(Mechanism(mechanism.system, mechanism.law, (*every, *remainders)), as_shown=True)
         self.remainders = {r.variable: r for r in remainders}
-        self.defaults = {par.name: par.value for par in tested.parameters} | tested.system.values
+        self.defaults = {par.name: par.value for par in self.tested.parameters} | mechanism.system.values
         self.declared = tuple(self.problem.names)
         self.held_out = held_out
         self.widths = self.problem.resolutions
