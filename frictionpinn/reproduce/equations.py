@@ -46,10 +46,10 @@ def _run(cfg: Config, root: Path, case: str, model: str, seed: int) -> Run:
     return Run(root / folder, overrides, ((f"seeds=[{seed}]", *cfg["evaluate"]),))
 
 
-def identified(case: str, seed: int) -> dict[str, Any]:
-    """Maximum-likelihood estimate, standard error and truth of every parameter."""
+def identified(case: str, seed: int, *options: str) -> dict[str, Any]:
+    """Maximum-likelihood estimate, standard error and truth of every parameter; ``options`` of the command beside."""
     believed, obeyed = CASES[case]
-    config = default_config([f"system.equations={believed}", f"data.equations={obeyed}"])
+    config = default_config([f"system.equations={believed}", f"data.equations={obeyed}", *options])
     system, table = build_system(config["system"]), config["data"]
     clean = build_recording(table, system)
     noisy = GaussianNoise(float(config["noise"]["level"]))(clean, seed)
