@@ -94,12 +94,12 @@ def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionMo
         if not isinstance(share, bool):
             raise UserError("not a switch", where="model.share", received=repr(share), allowed="true or false")
         own = {name: _map(cfg, system, name, [trial.at(name) for trial in train]) for name in train[0].contacts}
-        for name, options in own.items() if _remembers(model) else ():
+        for name, options in own.items() if remembers(model) else ():
             options["state"], more = _state(cfg, [trial.at(name) for trial in train])
             options["scales"] |= more
         return SeveralContacts(**common, contacts=own, balance=_balance_scales(train), share=share)
     own = _map(cfg, system, "", train)
-    if _remembers(model):
+    if remembers(model):
         offline, _ = build_smoothing(cfg["smoothing"])
         noise = input_noise(data.recording, system, offline, train)
         state, more = _state(cfg, train, mobility(system, train), noise)
@@ -117,14 +117,14 @@ def common_options(cfg: Config) -> dict[str, Any]:
     return common | {"inputs": inputs, "windows": windows, "optimizer": cfg["optimizer"]}
 
 
-def _remembers(model: Config) -> bool:
+def remembers(model: Config) -> bool:
     """Whether the model has a state."""
     return choose(model.get("memory", "windows"), {"windows": False, "state": True}, "model.memory")
 
 
 def check_memory(cfg: Config) -> None:
     """Raise :class:`UserError` where a network with a state cannot be what else is asked for."""
-    if not _remembers(cfg["model"]):
+    if not remembers(cfg["model"]):
         return
     over_noise = cfg.get("ensemble", 1) != 1 and cfg.get("ensemble_over") == "noise"
     asked = {  # noise moves where a trial is cut: members would have errors of their inputs in other places
@@ -188,7 +188,7 @@ def _map(cfg: Config, system: System, contact: str, train: Sequence[ContactTrial
         "fixed": {key: value for key, value in tables["fixed"].items() if value is not None},
         "tie_sigma1": bool(friction.get("tie_sigma1", False)),
     }
-    bristle = {} if _remembers(model) else {"bristle": model.get("bristle", "load")}
+    bristle = {} if remembers(model) else {"bristle": model.get("bristle", "load")}
     return {"scales": scales, "law": plain, **bristle}
 
 
