@@ -14,13 +14,11 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..models.ensemble import ALONE
 from ..progress import Steps
 from ..workflow.build import Config
 from ..workflow.estimate import default_config
 from ..workflow.evaluate import evaluate
-from ..workflow.experiment import remembers
-from ..workflow.members import train_seeds
+from ..workflow.members import as_one, train_seeds
 from ..workflow.result import write_json
 from ..workflow.threads import one_thread, silent
 from ..workflow.train import train
@@ -62,15 +60,14 @@ def finish_all(runs: Iterable[Run], jobs: int) -> list[tuple[Config, list[Config
 def _groups(runs: Iterable[Run]) -> list[list[tuple[Path, Config]]]:
     """What is not trained yet, as lists of folder and configuration whose seeds follow on one another.
 
-    Networks with a state are trained each by itself: their noise moves where a trial is cut. Parameter estimators come
-    first: they take longest, and so no core waits for them at the end.
+    Parameter estimators come first: they take longest, and so no core waits for them at the end.
     """
     wanted = {run.folder: default_config([*run.overrides, *QUIET]) for run in runs}
     missing = [item for item in wanted.items() if finished(item[0] / "result.json", item[1]) is None]
     shapes: dict[str, list[tuple[Path, Config]]] = {}
     for folder, cfg in sorted(missing, key=lambda item: item[1]["seed"]):
         shape = json.dumps({key: value for key, value in cfg.items() if key != "seed"}, sort_keys=True)
-        if cfg["optimizer"]["name"] not in ALONE and not remembers(cfg["model"]):
+        if as_one(cfg):
             shapes.setdefault(shape, []).append((folder, cfg))
     groups: dict[tuple[str, int], list[tuple[Path, Config]]] = {}
     for shape, items in shapes.items():

@@ -10,13 +10,20 @@ from pathlib import Path
 import torch
 
 from ..models import FrictionEnsemble, FrictionModel
+from ..models.ensemble import ALONE
 from .build import Config, build_system
-from .experiment import build_data
+from .experiment import build_data, remembers
 from .load import load_run
 from .manifest import write_json
 from .result import report
 from .rollout import rollout
 from .train import train
+
+
+def as_one(cfg: Config) -> bool:
+    """Whether :func:`train_seeds` takes a configuration: its steps do not depend on the loss of one training, and it
+    has no state, for which noise moves where a trial is cut."""
+    return cfg["optimizer"]["name"] not in ALONE and not remembers(cfg["model"])
 
 
 def train_seeds(cfg: Config, folders: Sequence[Path]) -> None:
@@ -25,7 +32,7 @@ def train_seeds(cfg: Config, folders: Sequence[Path]) -> None:
     Every run has the noise, the start weights and the steps of its own seed. Its ``seconds`` are its share.
 
     Args:
-        cfg: of the first seed, without an ensemble.
+        cfg: of the first seed, without an ensemble; one that trains :func:`as_one`.
         folders: of the seeds in order; what they hold is removed.
 
     Raises:

@@ -57,14 +57,17 @@ def test_trainings_that_differ_by_their_seed_alone_run_as_one_and_leave_a_run_ea
     assert calls == [3, 5, 1]
 
 
-def test_networks_with_a_state_are_trained_each_by_itself(workdir):
+def test_networks_with_a_state_are_trained_each_by_itself(workdir, monkeypatch):
+    calls = []
+    train = runs.train
+    monkeypatch.setattr(runs, "train", lambda cfg, folder: calls.append(cfg["seed"]) or train(cfg, folder))
     tiny = ("experiment=memory", *TINY, "data.held_out=[2]")
     tiny += (
         "data.trials=[{duration: 0.5, theta: '50*deg*sin(2*pi*t)'}, {duration: 0.5, theta: '60*deg*sin(2*pi*t)'}]",
     )
     seeds = [Run(Path(f"seed_{k}"), (*tiny, f"seed={k}"), ()) for k in (0, 1)]
     found = finish_all(seeds, 1)
-    assert [trained["training"]["seed"] for trained, _ in found] == [0, 1]
+    assert calls == [trained["training"]["seed"] for trained, _ in found] == [0, 1]
 
 
 def test_a_part_that_has_its_result_file_is_left_alone(workdir, monkeypatch):
