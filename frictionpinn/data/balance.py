@@ -17,8 +17,8 @@ import numpy as np
 import sympy as sp
 from scipy.ndimage import minimum_filter1d
 
-from ..numerics.motion import SLIDING
 from ..numerics.motion_function import motion_function
+from ..numerics.placing import SLIDING
 from ..physics import LAWS, System
 from ..physics.base import MU_C, SIGMA_2
 from ..physics.mechanism import Mechanism

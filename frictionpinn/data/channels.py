@@ -23,6 +23,10 @@ def channel_findings(system: System, recording: Recording, trials: Sequence[Samp
     inputs = {item.name for item in system.inputs}
     companions = {name: other for c in system.moving for name, other in
                   [(c.signals[0], c.signals[1]), (c.signals[1], c.signals[2])]}  # fmt: skip
+    for c in system.moving:
+        if not any(name in t.signals for name in c.signals for t in recording.trials):
+            fix = f"record at least one of {', '.join(c.signals)}, or take a system without it"
+            findings.append(Finding(f"nothing of {c.name} was recorded", fix, grave=True))
     for name in units:
         parts = [np.asarray(t.signals[name], float) for t in recording.trials if name in t.signals]
         if not parts:

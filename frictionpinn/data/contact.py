@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..numerics.placing import placed
 from ..numerics.smoothing import Signal, Smoother
 from ..numerics.torch_functions import balance_slopes, contact_signals
 from ..physics import System
@@ -131,13 +132,20 @@ def _as_measured(
 def smooth_trials(
     recording: Recording, fitting: list[Trial], system: System, method: Smoother
 ) -> list[dict[str, np.ndarray]]:
-    """Signals of every trial, positions, velocities and accelerations smoothed; the smoother is fitted to some."""
+    """Signals of every trial, positions, velocities and accelerations smoothed; the smoother is fitted to some.
+
+    Positions that act and were not measured begin where the trial's forces put them, causally smoothed ones too: of a
+    velocity alone no controller knows where it is.
+    """
     result = [dict(trial.signals) for trial in recording.trials]
     for coordinate in system.moving:
         fitted = method.fit([(trial.t, *_signals(trial, coordinate.signals)) for trial in fitting])
         for signals, trial in zip(result, recording.trials, strict=True):
             q, v, a, _ = fitted(trial.t, *_signals(trial, coordinate.signals))
             signals.update(zip(coordinate.signals, (q, v, a), strict=True))
+    recorded = [set(trial.signals) for trial in recording.trials]
+    for signals, positions in zip(result, placed(system, result, recorded, system.values), strict=True):
+        signals.update(positions)
     return result
 
 

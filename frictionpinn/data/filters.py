@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.signal import oaconvolve
 
+from ..numerics.placing import placed
 from ..numerics.smoothing import difference_sigma
 from ..physics import System
 from .recording import Recording
@@ -118,7 +119,7 @@ def smooth_motion(
     """
     whole = _width(system, trials, sigmas)
     width = _width(system, trials, sigmas, 1) if wide else whole
-    motions = []
+    motions, recorded = [], []
     for trial in trials:
         if width is None or whole is None or trial.span < 3 * (whole + wide * width):
             continue
@@ -144,7 +145,9 @@ def smooth_motion(
         own["_width"] = np.full(1, max(round(width / trial.dt), FEWEST))
         own["_average"] = np.full(1, round(whole / trial.dt) if wide else 1)
         motions.append(own)
-    return motions
+        recorded.append(set(trial.signals))
+    places = placed(system, motions, recorded, system.values)
+    return [own | positions for own, positions in zip(motions, places, strict=True)]
 
 
 def _width(system: System, trials: Sequence[Sampled], sigmas: dict[str, float], highest: int = 2) -> float | None:

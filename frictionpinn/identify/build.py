@@ -12,6 +12,7 @@ from ..data.recording import Trial
 from ..errors import UserError
 from ..numerics.jumps import beside_jumps
 from ..numerics.paths import DEGREE, InputPath
+from ..numerics.placing import unplaced
 from ..numerics.simulate import Simulator
 from ..numerics.spline_basis import NoisyInput, PathBasis, choose_basis
 from ..physics.mechanism import Mechanism
@@ -47,11 +48,11 @@ class Channels:
         names = mechanism.input_signals
         outputs = {name: name for c in mechanism.free for name in c.signals if name in recorded}
         motions = tuple((c.signals, tuple(names.index(name) for name in c.signals)) for c in mechanism.driven)
-        for signals, _ in motions:
-            if not recorded.intersection(signals):
-                allowed, received = f"at least one of {', '.join(signals)}", ", ".join(sorted(recorded))
-                raise UserError("missing input signal", where="recording", received=received, allowed=allowed,
-                                fix="record the driven coordinate")  # fmt: skip
+        for c in mechanism.system.moving:
+            if not recorded.intersection(c.signals):
+                allowed, received = f"at least one of {', '.join(c.signals)}", ", ".join(sorted(recorded))
+                raise UserError(f"nothing of {c.name} was recorded", where="recording", received=received,
+                                allowed=allowed)  # fmt: skip
         plain: list[tuple[str, int]] = []
         if mechanism.system.massless:
             shown = {item.name: item.name if mechanism.effects else "F" for item in mechanism.system.inputs}
@@ -130,16 +131,19 @@ def trial_model(
     if not rest:
         start |= dict.fromkeys(simulator.bristles, 0.0)
     positions = [c.signals[0] for c in mechanism.free]
+    acting = [c.signals[0] for c in unplaced(mechanism.system, set(trial.signals))]
     y = measured(tuple(channels.outputs))
     if not all(contact.law.memory for contact in mechanism.contacts):
         for row, name in zip(y, channels.outputs, strict=True):
             if name in {c.signals[2] for c in mechanism.free}:
                 row[beside_jumps(row, sigmas[name])] = np.nan
-    untold = [name for name in positions if name not in trial.signals]  # it stays where it is said to begin, at 0
+    unknown = [
+        name for name in positions if name in trial.signals or name in acting
+    ]  # others say nothing: they begin at 0
     return TrialModel(
         simulator, trial.name, t, channels.outputs, y,
         InputPath(mechanism.input_signals, t, coefficients, trial.session), tuple(inputs),
-        tuple(n for n in simulator.state_names if (not rest or n in positions) and n not in untold), start,
+        tuple(n for n in simulator.state_names if (n in unknown if n in positions else not rest)), start,
     )  # fmt: skip
 
 

@@ -108,6 +108,7 @@ class Problem:
         recorded = [model.path(model.local[: len(model.states)], {}).signals for model in self.trials]
         shown = [dict(zip(model.outputs, model.y, strict=True)) for model in self.trials]
         self.motions = smoothed(mechanism, [model.t for model in self.trials], recorded, shown, self.sigmas)
+        self.trials = tuple(model.begun(motion) for model, motion in zip(self.trials, self.motions, strict=True))
         self.scales = Scales.of(mechanism, self.motions, self.fixed, names)
         self.bounded = frozenset(name for name, pair in (bounds or {}).items() if pair is not None)
         self.space = self._space(names, dict(bounds or {}), self.scales)

@@ -12,7 +12,9 @@ import numpy as np
 from ..numerics.gram import combined, gram
 from ..numerics.jumps import BESIDE, Jump, jumps_at_rest
 from ..numerics.loss import Loss
+from ..numerics.motion import Motion
 from ..numerics.paths import Directions, InputPath
+from ..numerics.placing import unplaced
 from ..numerics.quadratic import Piece
 from ..numerics.resolution import averaged, samples_within
 from ..numerics.simulate import Simulation, Simulator
@@ -71,6 +73,12 @@ class TrialModel:
     def contact(self) -> bool:
         """Whether a friction force is measured: else derivatives of the motion are enough."""
         return "F" in self.outputs.values()
+
+    def begun(self, motion: Motion) -> TrialModel:
+        """The model that begins where this motion does, as far as its position acts and was not measured."""
+        recorded = {name for name, y in zip(self.outputs, self.y, strict=True) if np.isfinite(y).any()}
+        lost = [c.signals[0] for c in unplaced(self.simulator.mechanism.system, recorded)]
+        return replace(self, start=self.start | {name: float(motion.signals[name][0]) for name in lost})
 
     @property
     def bristles(self) -> list[tuple[str, str]]:

@@ -13,10 +13,10 @@ from scipy.signal import find_peaks
 from ..physics.mechanism import Mechanism
 from ..physics.system import System
 from .motion_function import motion_function
+from .placing import SLIDING, placed
 from .smoothing import Coordinate
 from .spline_basis import smooth_together
 
-SLIDING = 0.15  # of the largest slip velocity: faster counts as sliding
 CLEAR = 4.0  # and of the velocity's noise, in standard deviations
 SHORTEST_WINDOW = 24  # samples in a window between two peaks of the slip velocity
 
@@ -86,7 +86,8 @@ def smoothed(
     outputs: Sequence[Mapping[str, np.ndarray]],
     sigmas: Mapping[str, float],
 ) -> list[Motion]:
-    """Trials with free coordinates smoothed by splines, the inputs as they are given.
+    """Trials with free coordinates smoothed by splines, the inputs as they are given; positions that act and were not
+    measured begin where the forces put them (:mod:`frictionpinn.numerics.placing`).
 
     Args:
         mechanism: what moves.
@@ -106,6 +107,9 @@ def smoothed(
         for own, smooth in zip(signals, smooth_together(data, [sigmas.get(name) for name in c.signals]), strict=True):
             own.update(zip(c.signals, smooth[:3], strict=True))
     usual = typical(mechanism)
+    recorded = [{name for name, y in rows.items() if np.isfinite(y).any()} for rows in outputs]
+    for own, positions in zip(signals, placed(mechanism.system, signals, recorded, usual), strict=True):
+        own.update(positions)
     slips = [
         {c.name: motion_function(c.system, c.system.v_slip)(own, usual) for c in mechanism.contacts} for own in signals
     ]

@@ -11,6 +11,7 @@ from ..data.inspect import inspect
 from ..data.recording import Recording
 from ..data.thresholds import AS_MEASURED, CLEAR, FEWEST
 from ..errors import UserError, choose
+from ..numerics.placing import unplaced
 from ..physics import System
 from ..show import readable_unit
 from .build import Config
@@ -69,9 +70,14 @@ def assumptions(system: System, recording: Recording, free: Collection[str] = ()
     if system.values.get("preload") == 1.0 and "preload" not in free:
         lines[-1] += f"; mu_c and mu_s read in {readable_unit(system.force_unit)}: the preload is 1"
     lines += list(recording.notes) or [f"signals used: {', '.join(n for n in system.signal_units if n in present)}"]
-    derived = [n for c in system.moving for n in c.signals if n and n not in present]
+    shown = [c for c in system.moving if present & set(c.signals)]
+    derived = [n for c in shown for n in c.signals if n and n not in present]
     zero = [item.name for item in system.inputs if item.name not in present and item.symbol in system.acting]
     lines += [f"derived: {', '.join(derived)}"] if derived else []
+    found = [c.signals[0] for c in unplaced(system, present)]
+    for c in (c for c in shown if c.symbols[0] in system.acting and c.signals[0] not in present):
+        where = "where a trial begins is worked out from its forces" if c.signals[0] in found else "it begins near 0"
+        lines.append(f"not recorded, though it acts: {c.signals[0]}; {where}")
     lines += [f"not recorded, taken as zero: {', '.join(zero)}"] if zero else []
     return lines + [note for trial in recording.trials for note in trial.notes]
 

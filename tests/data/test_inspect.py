@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,10 @@ from frictionpinn.data.inspect import inspect
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.data.simulated import simulate_recording
-from frictionpinn.physics import SYSTEMS
+from frictionpinn.errors import UserError
+from frictionpinn.identify import Problem
+from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
 # One kind of each fault; benchmarks/wrong_logs.py has all of them.
@@ -96,3 +100,14 @@ def test_a_motion_that_speeds_up_without_a_force_is_told_and_a_free_slide_is_not
         (told,) = pushed_or_sliding("8*sin(2*pi*t)", noise, kept)
         assert told.startswith("the motion speeds up without force") and "data.columns={..., force: ...}" in told
         assert pushed_or_sliding("0*t", noise, kept) == []  # where it ends at rest the position is not clipped
+
+
+def test_a_coordinate_of_which_nothing_was_recorded_is_named_by_the_check_and_by_a_fit():
+    recording, system = clean("two_mass", 200, 0.02, 0)
+    motor = [{n: x for n, x in t.signals.items() if not n.endswith("_l")} for t in recording.trials]
+    pairs = zip(recording.trials, motor, strict=True)
+    recording = replace(recording, trials=tuple(replace(t, signals=own) for t, own in pairs))
+    (finding,) = [f for f in inspect(recording, system) if f.grave]
+    assert "nothing of load was recorded" in str(finding) and "omega_l" in str(finding)
+    with pytest.raises(UserError, match="nothing of load was recorded"):
+        Problem(Mechanism(system, LAWS["coulomb_viscous"]()), recording)
