@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from wide_draw import draw
 
 import frictionpinn as fp
 from frictionpinn.data.contact import smooth_trials
 from frictionpinn.data.recording import Recording
 from frictionpinn.identify import Problem, bound, maximum_likelihood
 from frictionpinn.numerics.smoothing import SmoothingSpline
+from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
 PUSHED = "1.5 * sin(3 * t) + 0.8 * sin(7.3 * t)"
@@ -77,6 +84,17 @@ def test_a_pole_on_a_cart_begins_where_its_forces_say() -> None:
     found = begins(pole, rates_only(recording, {"x", "theta"}), "theta")
     assert around(found - [3.1, 2.5]).max() < 0.1
     assert not begins(pole, rates_only(recording, {"x", "theta"}), "x").any()  # where it is on the rail says nothing
+
+
+@pytest.mark.parametrize("seed", [0, 2, 7, 13, 18, 22, 26, 32, 45, 55])
+def test_drawn_pendulums_that_hardly_slide_in_some_trials_begin_in_the_right_half_of_the_turn(seed: int) -> None:
+    case = draw(seed, effects=False)
+    model = Mechanism(SYSTEMS["pendulum"](**case.parameters), LAWS[case.law]())
+    trials = {trial.name: trial for trial in case.clean.trials}
+    for window in Problem(model, rates_only(case.recording, {"theta", "alpha"})).trials:
+        whole = trials[window.trial.partition("[")[0]]
+        truth = whole.signals["theta"][np.searchsorted(whole.t, window.t[0])]
+        assert around(window.start["theta"] - truth) < 0.5
 
 
 def test_what_is_assumed_of_a_position_that_acts_is_said() -> None:
