@@ -153,10 +153,11 @@ def _signals(model: Model, run: Run, t: np.ndarray) -> tuple[dict, dict]:
 
 
 def _with(undeclared: Undeclared, model: Model, runs: tuple[Run, ...], rate_hz: float) -> tuple[Recording, Undeclared]:
-    """The recording with the effects; where the load would vanish, with half of them."""
+    """The recording with the effects; where the load would vanish, or the contact always rest, with half of them."""
     for _ in range(5):
         made = record(undeclared.acting(model), runs, rate_hz, undeclared.delays())
-        if all(trial.truth["normal_force"].min() > 0 for trial in made.trials):
+        moves = any(np.abs(trial.truth["v_slip"]).max() > _creep(model.kind) for trial in made.trials)
+        if moves and all(trial.truth["normal_force"].min() > 0 for trial in made.trials):
             break
         undeclared = undeclared.scaled(0.5)
     return distort(made, undeclared), undeclared
@@ -273,6 +274,11 @@ def _decay(rng: np.random.Generator, p: dict[str, float]) -> Excitation:
     return Excitation(np.array([[1.0, rng.uniform(0, 2 * np.pi), (p["k"] / p["m_2"] - rate**2) ** 0.5, 0, 0, rate]]))
 
 
+def _creep(kind: str) -> float:
+    """Slip velocity below which a contact rests, m/s or rad/s."""
+    return CREEP / RADIUS if kind == "pendulum" else CREEP
+
+
 def _fits(model: Model, run: Run, rate_hz: float, stops: bool) -> bool:
     """Whether it keeps contact, slides, stays within bounds and, where asked, rests."""
     try:
@@ -290,6 +296,6 @@ def _fits(model: Model, run: Run, rate_hz: float, stops: bool) -> bool:
         return False
     if not stops:
         return True
-    rests = np.concatenate([[0], (v < CREEP * (1 / RADIUS if turns else 1)).astype(int), [0]])
+    rests = np.concatenate([[0], (v < _creep(model.kind)).astype(int), [0]])
     edges = np.flatnonzero(np.diff(rests))
     return bool(len(edges)) and (edges[1::2] - edges[::2]).max() >= max(REST_S * rate_hz, 3)

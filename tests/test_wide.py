@@ -47,6 +47,12 @@ def test_effects_leave_mechanism_and_excitation_as_they_are(seed):
     assert all(len(a) == len(b) and not np.array_equal(a, b) for a, b in pairs)
 
 
+def test_an_effect_that_would_hold_the_contact_is_halved_until_it_slides():
+    case = draw(321)
+    assert case.effects == ("load_exponent",)
+    assert max(np.abs(trial.truth["v_slip"]).max() for trial in case.clean.trials) > 0.01
+
+
 @pytest.mark.parametrize("seed", [356, 261])  # where a push falls more slowly than the load: a pob and a sdob
 def test_friction_without_memory_keeps_to_its_cone_while_the_load_changes(seed):
     """A stiff bristle does not: it holds the body (27 and 7 % beyond the cone)."""
