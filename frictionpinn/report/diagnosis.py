@@ -12,6 +12,7 @@ from jinja2 import Template
 
 from ..data.findings import listed
 from ..diagnose.diagnosis import Diagnosis
+from ..diagnose.errors import FORCE
 from ..diagnose.verdict import FOUND, NO_VERDICT, NOTHING, PARTLY, UNEXPLAINED, Unexplained
 from ..numerics.excess import RESIDUAL
 from ..show import LOOKS, readable_unit
@@ -34,7 +35,7 @@ def headline(d: Diagnosis) -> str:
         UNEXPLAINED: f"Something is missing that none of the names fits: {unnamed}.",
         NO_VERDICT: f"No verdict: {'; '.join(d.doubts)}.",
     }
-    sentences = [said[d.verdict], error_in_words(d)]
+    sentences = [said[d.verdict], error_in_words(d), *further_off(d.errors, d.main)]
     if d.shares and d.left["value"] is not None:
         each = [f"{a.candidate.name} took off {share(own)}" for a, own in zip(d.accepted, d.shares, strict=True)]
         left = ", ".join(filter(None, [f"{share(d.left)} is left", dependence(d.unexplained or d.trifle)]))
@@ -115,6 +116,15 @@ def error_in_words(d: Diagnosis) -> str:
     noise += f" ({count} outliers left out)" if count else ""
     unit = entry["unit"].replace("*", " ")
     return f"Error{what} beyond the noise, {d.scored}, {unit}: {old} before, {new} after; {noise}."
+
+
+def further_off(errors: Mapping[str, Any], main: str) -> list[str]:
+    """A sentence on the measured signals not quoted of which the error beyond the noise is larger than the noise, for
+    certain: the one quoted, which shows the improvement best, does not show a motion that was lost."""
+    others = {name: e for name, e in errors.items() if name != main and not name.endswith(FORCE)}
+    far = {name: e for name, e in others.items() if e["excess_after"]["ci95"][0] > e["noise_floor"]}
+    each = [f"{spaced(name)} by {e['excess_after']['value']:.3g} {readable_unit(e['unit'])}" for name, e in far.items()]
+    return [f"Beside that the model is off by more than the noise: {listed(each)}."] if each else []
 
 
 def write_page(

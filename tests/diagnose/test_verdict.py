@@ -14,7 +14,7 @@ from frictionpinn.diagnose.select import Settings
 from frictionpinn.diagnose.verdict import judge, size
 from frictionpinn.physics.base import CONTACT
 from frictionpinn.physics.remainder import BUMPS, Remainder
-from frictionpinn.report.diagnosis import headline
+from frictionpinn.report.diagnosis import further_off, headline
 from frictionpinn.workflow.diagnose import as_dict
 
 
@@ -85,3 +85,17 @@ def test_a_fit_that_ends_at_a_bound_that_was_given_gets_no_verdict():
     found = fp.diagnose(model, log, effects=["drag"], bounds={"mu_c": [1.0, 2.0]})
     assert found.verdict == "no verdict" and "mu_c of the fit ended at its bound, 2: widen" in headline(found)
     assert fp.diagnose(model, log, effects=["drag"], bounds={"mu_c": [1.0, 5.0]}).verdict == "nothing missing"
+
+
+def test_a_motion_that_is_lost_on_held_out_trials_is_said_beside_a_headline_that_does_not_show_it():
+    def entry(value, low, high, floor):
+        return {"excess_after": {"value": value, "ci95": [low, high]}, "noise_floor": floor, "unit": "m"}
+
+    errors = {
+        "force": entry(0.0, 0.0, 0.1, 0.3),
+        "x": entry(0.031, 0.012, 0.05, 0.005),
+        "v": entry(0.2, 0.1, 0.3, 0.15),
+    }
+    errors["friction_force"] = entry(3.0, 2.0, 4.0, 1.0)  # no signal: its noise is that of several together
+    assert further_off(errors, "force") == ["Beside that the model is off by more than the noise: x by 0.031 m."]
+    assert further_off(errors, "x") == []
