@@ -137,13 +137,11 @@ def trial_model(
         for row, name in zip(y, channels.outputs, strict=True):
             if name in {c.signals[2] for c in mechanism.free}:
                 row[beside_jumps(row, sigmas[name])] = np.nan
-    unknown = [
-        name for name in positions if name in trial.signals or name in acting
-    ]  # others say nothing: they begin at 0
+    silent = [n for n in positions if n not in trial.signals and n not in acting]  # nothing tells it: it begins at 0
     return TrialModel(
         simulator, trial.name, t, channels.outputs, y,
         InputPath(mechanism.input_signals, t, coefficients, trial.session), tuple(inputs),
-        tuple(n for n in simulator.state_names if (n in unknown if n in positions else not rest)), start,
+        tuple(n for n in simulator.state_names if (not rest or n in positions) and n not in silent), start,
     )  # fmt: skip
 
 

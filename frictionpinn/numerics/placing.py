@@ -26,7 +26,6 @@ from .whiteness import SIGNIFICANCE, correlation_time
 AROUND = 12  # places around a turn, from the best of which the search begins: two valleys are half a turn apart
 SLIDING = 0.15  # of the largest slip velocity: faster counts as sliding
 MOST = 2000  # sliding samples of a trial that are looked at, spread evenly: a start needs no more
-
 NEAR = 1e-3  # rad or m: by how much a position is moved to see what drives it back
 
 Signals = Mapping[str, np.ndarray]
