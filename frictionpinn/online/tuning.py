@@ -6,12 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import sympy as sp
 
 from ..data.recording import Recording, Trial
 from ..errors import UserError
 from ..numerics.kalman import KalmanFilter, KalmanSmoother
 from ..numerics.kalman_recursions import PRIOR
+from ..numerics.placing import unplaced
 from ..numerics.smoothing import difference_sigma
+from ..physics import System
 from ..physics.mechanism import Mechanism
 
 MOTION_ORDER, INPUT_ORDER = 4, 3  # states of a chain: up to the jerk of a coordinate, the second derivative of an input
@@ -62,7 +65,8 @@ def tune(mechanism: Mechanism, recording: Recording, sigmas: Mapping[str, float]
         sigmas: noise levels that are known, SI units.
 
     Raises:
-        UserError: no trial, or nothing measured of a driven coordinate or of the mechanism's own motion.
+        UserError: no trial, nothing measured of a driven coordinate or of the mechanism's own motion, or no position
+            where forces bend with it.
     """
     if not recording.trials:
         raise UserError("no trial to tune the estimator on", where="recording", fix="give the training trials")
@@ -84,6 +88,7 @@ def tune(mechanism: Mechanism, recording: Recording, sigmas: Mapping[str, float]
     for c in mechanism.free:
         _require(c.signals, present, c.name)
         scales[c.name] = _scale(trials, c.signals)
+    _require_places(system, present)
     interval = float(np.median(np.concatenate([np.diff(trial.t) for trial in trials])))
     return Tuning({name: levels[name] for name in present}, chains, scales, interval)
 
@@ -96,6 +101,17 @@ def _require(signals: Sequence[str], present: Sequence[str], coordinate: str) ->
             received=", ".join(present),
             allowed=f"at least one of {', '.join(signals)} in every trial",
         )
+
+
+def _require_places(system: System, present: Sequence[str]) -> None:
+    """An estimator that is linearised where it is comes back from a wrong place where the forces are linear in it."""
+    for c in unplaced(system, present):
+        q = c.symbols[0]
+        if any(sp.diff(system.residual(row), q, 2) != 0 for row in system.free):
+            raise UserError(f"where {c.name} is was not measured, and it acts", where="recording",
+                            received=", ".join(present),
+                            allowed=f"{c.signals[0]} in every trial: a rate alone does not tell an estimator where it "
+                            "began")  # fmt: skip
 
 
 def _columns(trial: Trial, signals: Sequence[str]) -> tuple:

@@ -15,6 +15,7 @@ from wide_draw import draw
 import frictionpinn as fp
 from frictionpinn.data.contact import smooth_trials
 from frictionpinn.data.recording import Recording
+from frictionpinn.errors import UserError
 from frictionpinn.identify import Problem, bound, maximum_likelihood
 from frictionpinn.numerics.smoothing import SmoothingSpline
 from frictionpinn.physics import LAWS, SYSTEMS
@@ -95,6 +96,12 @@ def test_drawn_pendulums_that_hardly_slide_in_some_trials_begin_in_the_right_hal
         whole = trials[window.trial.partition("[")[0]]
         truth = whole.signals["theta"][np.searchsorted(whole.t, window.t[0])]
         assert around(window.start["theta"] - truth) < 0.5
+
+
+def test_an_online_estimator_asks_for_the_angle_that_it_cannot_know() -> None:
+    model, recording = pendulum([3.1, 2.2])
+    with pytest.raises(UserError, match="where theta is was not measured"):
+        fp.online(model, {"mu_c": 0.2, "sigma_2": 0.05}, rates_only(recording, {"theta"}))
 
 
 def test_what_is_assumed_of_a_position_that_acts_is_said() -> None:
