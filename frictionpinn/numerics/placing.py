@@ -13,12 +13,16 @@ would come to rest; where it would fall only if its forces say so beyond chance:
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import sympy as sp
 from scipy.optimize import least_squares, nnls
 
+from ..physics.base import CONTACT, V_T
+from ..physics.friction import CoulombViscous
 from ..physics.system import Coordinate, System
 from .motion_function import motion_function
 from .whiteness import SIGNIFICANCE, correlation_time
@@ -108,10 +112,14 @@ def _rows(system: System) -> list[list[Callable]]:
     """Of every free coordinate's equation over its inertia: E, then the friction of unit coefficients."""
     rows = []
     for c in system.free:
-        E, slopes = system.residual(c), [(view, view.jacobian[c.name]) for view in system.each]
+        E, unit = system.residual(c), []
+        for view in system.each:
+            seen, sharp = replace(CONTACT, v=view.v_slip, N=view.N), V_T.low  # these samples slide
+            for mu_c, sigma_2 in ((1.0, 0.0), (0.0, 1.0)):
+                force = CoulombViscous().force(seen, SimpleNamespace(mu_c=mu_c, sigma_2=sigma_2, v_t=sharp))
+                unit.append(view.jacobian[c.name] * force)
         inertia = sp.diff(E, c.symbols[2])
-        unit = [e for view, J in slopes for e in (J * view.N * sp.sign(view.v_slip), J * view.v_slip)]
-        rows.append([motion_function(system, e / (inertia if inertia != 0 else 1)) for e in (E, *unit)])
+        rows.append([motion_function(system, sp.sympify(e) / (inertia if inertia != 0 else 1)) for e in (E, *unit)])
     return rows
 
 

@@ -99,3 +99,10 @@ def test_a_motion_that_is_lost_on_held_out_trials_is_said_beside_a_headline_that
     errors["friction_force"] = entry(3.0, 2.0, 4.0, 1.0)  # no signal: its noise is that of several together
     assert further_off(errors, "force") == ["Beside that the model is off by more than the noise: x by 0.031 m."]
     assert further_off(errors, "x") == []
+
+
+def test_the_headline_of_a_diagnosis_has_what_is_further_off(partly):
+    lost = partly.errors["x"] | {"excess_after": {"value": 0.031, "ci95": [0.012, 0.05]}, "noise_floor": 0.005}
+    said = headline(replace(partly, errors=partly.errors | {"x": lost}))
+    assert partly.main != "x" and "off by more than the noise: x by 0.031" in said
+    assert "x by 0.031" not in headline(partly)
