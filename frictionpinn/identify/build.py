@@ -57,6 +57,11 @@ class Channels:
         if mechanism.system.massless:
             shown = {item.name: item.name if mechanism.effects else "F" for item in mechanism.system.inputs}
             outputs = {name: key for name, key in shown.items() if name in recorded}
+            if not outputs:
+                allowed, received = f"at least one of {', '.join(shown)}", ", ".join(sorted(recorded))
+                raise UserError(
+                    "nothing to compare the model with", where="recording", received=received, allowed=allowed
+                )
         else:
             acting = set().union(*(sp.sympify(row).free_symbols for row in mechanism.residuals))
             plain = [
@@ -64,10 +69,6 @@ class Channels:
                 for item in mechanism.system.inputs
                 if item.symbol in acting and item.name in recorded
             ]
-        if not outputs:
-            wanted = [name for c in mechanism.free for name in c.signals] or [i.name for i in mechanism.system.inputs]
-            allowed, received = f"at least one of {', '.join(wanted)}", ", ".join(sorted(recorded))
-            raise UserError("nothing to compare the model with", where="recording", received=received, allowed=allowed)
         return cls(outputs, motions, tuple(plain))
 
     @property

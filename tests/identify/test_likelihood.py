@@ -145,5 +145,5 @@ def test_mistakes_are_named_in_one_line(options, words):
 def test_a_recording_without_a_predicted_signal_is_refused():
     mechanism, _, clean, _, _ = case("drive", "dahl", (0, 1))
     only = Recording(tuple(t.__class__(t.name, t.t, {"force": t.signals["force"]}) for t in clean.trials), clean.units)
-    with pytest.raises(UserError, match="compare"):
+    with pytest.raises(UserError, match="nothing of x was recorded"):
         Problem(mechanism, only)
