@@ -10,6 +10,7 @@ import numpy as np
 
 from ..identify.likelihood import beginnings
 from ..identify.problem import Problem
+from ..identify.tether import Path, followed, tethered
 from ..identify.trial import TrialModel
 from ..numerics.descent import Solution, coarse_to_fine
 from ..numerics.minima import assembled, carried, lowest_of_trials
@@ -35,10 +36,8 @@ class Surprise:
 
 
 def check(bench: Bench, fit: Fit) -> Fit | None:
-    """The held-out trials with the fit's parameters: only their own unknowns are estimated.
-
-    None without such trials, or where they cannot be simulated.
-    """
+    """The held-out trials with the fit's parameters, only their own unknowns estimated; None without such trials, or
+    where they cannot be simulated."""
     return _judged(bench, fit)[0]
 
 
@@ -58,7 +57,7 @@ def _judged(bench: Bench, fit: Fit) -> tuple[Fit | None, Surprise | None]:
         return None, None
     problem, models, first, plain = found
     at, limits, widths = first.u, problem.space.limits, problem.resolutions
-    held = _own_unknowns(problem, plain, problem.apart(models, fit.sigmas), first)
+    held = own_unknowns(Path(problem, tethered(problem), fit.sigmas, coarse=True, given=True), models, first)
     if held is None:
         return None, None
     moved = None
@@ -88,27 +87,28 @@ def _judged(bench: Bench, fit: Fit) -> tuple[Fit | None, Surprise | None]:
     return replace(fit, models=models, state=held.state, minima=()), Surprise(cost, cost if moved is None else moved)
 
 
-def _own_unknowns(problem: Problem, evaluate: Evaluate, alone: Sequence[Evaluate], first: State) -> Solution | None:
-    """Trials at given parameters, their own unknowns estimated: from the coarsest resolution, from the one next to the
-    sample and from the sample alone, and begun at rest; of each trial the best, and with a bristle the best around it.
-    None where they cannot be simulated."""
-    at, widths = (first.u, first.u), problem.resolutions
-    tries = [(first, widths[-count:]) for count in sorted({1, min(2, len(widths)), len(widths)})]
-    ends = [end for state, own in tries if (end := coarse_to_fine(evaluate, state, at, own))]
-    if not ends:
+def own_unknowns(path: Path, models: Sequence[TrialModel], first: State) -> Solution | None:
+    """Trials at given parameters, their own unknowns estimated: at the sample, along the path, which does not lose the
+    motion where a breakaway is missed, and begun at rest; of each trial the best, and with a bristle the best around
+    it. None where they cannot be simulated."""
+    problem, at = path.problem, (first.u, first.u)
+    evaluate, widths = problem.evaluator(models, path.sigmas), problem.resolutions
+    ends = [coarse_to_fine(evaluate, first, at, widths[-1:])]
+    ends += [end for end, _ in followed(path, [first.u], path.stages, {})]
+    if not any(ends):
         return None
-    best = min(ends, key=lambda end: end.state.cost)
-    begun = [coarse_to_fine(evaluate, state, at, widths[-1:]) for state in beginnings(problem, best.state)]
-    best = assembled(evaluate, best, [end.state.locals for end in (*ends, *begun) if end is not None], at)
+    best = min(filter(None, ends), key=lambda end: end.state.cost)
+    ends += [coarse_to_fine(evaluate, state, at, widths[-1:]) for state in beginnings(problem, best.state)]
+    best = assembled(evaluate, best, [end.state.locals for end in ends if end is not None], at)
+    alone = problem.apart(models, path.sigmas)
     return lowest_of_trials(evaluate, alone, best, at, widths) if problem.simulator.bristles else best
 
 
 def _held_out(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], State, Evaluate] | None:
-    """The held-out trials at the fit's parameters: their problem, models, first state, and how it is evaluated."""
+    """The held-out trials at the fit's parameters: problem, whose prior is counted already, models, state, cost."""
     if bench.checked is None:
         return None
-    problem = bench.problem_of(bench.checked, fit.names, fit.values, fit.models[0].simulator)
-    problem = problem.varied(prior=False)  # counted once, with the fitted trials
+    problem = bench.problem_of(bench.checked, fit.names, fit.values, fit.models[0].simulator).varied(prior=False)
     u, models = problem.space.to_search(fit.values), problem.trials
     with suppress(ContactLost, SimulationFailed):
         models = problem.models_at(u)

@@ -111,6 +111,7 @@ class Path:
         sigmas: noise standard deviations by signal, SI units.
         coarse: whether it begins at the coarsest resolution, which it must where nothing holds the motion: else at the
             sample.
+        given: whether the parameters are given, so that only the trials' own unknowns are estimated.
         only: the trial that is held, where it is only one, beside the others as they are in a fit.
         beside: that fit's state, and the models of the trials there.
     """
@@ -119,6 +120,7 @@ class Path:
     held: Problem | None
     sigmas: Mapping[str, float]
     coarse: bool = False
+    given: bool = False
     only: int | None = None
     beside: Begun | None = None
 
@@ -173,7 +175,7 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
     Empty where all are left, or where the best comes to no end at the sample, however closely it is held: that is too
     rugged to begin with.
     """
-    limits, last = path.problem.space.limits, path.stages[-1]
+    last = path.stages[-1]
     begun = [pair for u in us if (pair := path.begun(u)) is not None]
     ends = [(Solution(state, GIVEN), models, path.held) for state, models in begun]
 
@@ -189,6 +191,7 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
         if first is None:
             return None
         how = (CLOSELY if stage == last else ROUGHLY) | {"damping": 0.0 if at.reason == GIVEN else NEAR}
+        limits = (first.u, first.u) if path.given else path.problem.space.limits
         found = levenberg_marquardt(evaluate, first, limits, known=seen.get(stage, ()), **how)
         if path.beside and found.state.cost > path.beside[0].cost:
             return None
