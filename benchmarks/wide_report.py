@@ -80,6 +80,9 @@ def _identify(cases: list[dict]) -> dict[str, str]:
         for value in sorted({c[key] for c in good}):
             own = [c for c in good if c[key] == value]
             rows[f"  behind: {value}"] = _share(sum(c in lost for c in own), len(own))
+    for name in NAMES:
+        rows[f"every law, {name}: error / bound"] = _spread([_ratio(c, name) for c in good if name in c["truth"]])
+    rows["inside 95 %, every law"] = _inside(good, NAMES)
     for law in LAWS:
         for name in NAMES:
             own = [c for c in good if c["law"] == law and name in c["truth"]]
@@ -138,6 +141,7 @@ def _diagnose(cases: list[dict]) -> dict[str, str]:
     groups = [[c for c in cases if len(c.get("true_effects", ())) == n] for n in range(3)]
     clean, single, pairs = groups
     rows = {
+        "right, of all": _share(sum(map(right, cases)), len(cases)),
         "clean: nothing missing": _share(sum(map(right, clean)), len(clean)),
         "clean: false alarms": _share(sum(named(c) == "wrong" for c in clean), len(clean)),
         "clean: unexplained": _share(sum(named(c) == "unexplained" for c in clean), len(clean)),
@@ -156,10 +160,11 @@ def _diagnose(cases: list[dict]) -> dict[str, str]:
     rows[f"held-out error at most {FLOOR:g} of the floor"] = _share(sum(near), len(near))
     every = [max(c["errors"].values()) <= FLOOR for c in good if c["errors"]]
     rows["  of every signal and of the friction force"] = _share(sum(every), len(every))
+    told = [c for c in good if right(c)]
     for law in LAWS:
-        rows[f"intervals of the law, {law}"] = _inside([c for c in good if right(c) and c["law"] == law], NAMES)
-    inside = [v for c in good if right(c) for n, v in c["inside"].items() if n in c["true_values"]]
-    rows["intervals of the effects"] = _share(sum(inside), len(inside))
+        rows[f"intervals of the law, {law}"] = _inside([c for c in told if c["law"] == law], NAMES)
+    rows["intervals of the effects"] = _inside(told, {n for c in told for n in c["true_values"]})
+    rows["intervals of every parameter"] = _inside(told, {n for c in told for n in c["inside"]})
     for law in LAWS:
         own = [c for c in cases if c.get("law") == law]
         rows[f"right: {law}"] = _share(sum(map(right, own)), len(own))
