@@ -19,9 +19,10 @@ class Backlash(Effect):
     """
 
     name = "backlash"
+    # From a hundred-thousandth of the stroke, as little as a bristle bends; rounded over a tenth of that it is sharp.
     parameters = (
-        strength("backlash_gap", "{L}", "half of the gap", 0.0, scan=Scan("stroke", 1e-3, 0.3, 5)),
-        hidden("backlash_width", "{L}", "rounding of the dead zone", 1e-6, Scan("stroke", 1e-3, 3e-2, 3)),
+        strength("backlash_gap", "{L}", "half of the gap", 0.0, scan=Scan("stroke", 1e-5, 0.3, 5)),
+        hidden("backlash_width", "{L}", "rounding of the dead zone", 1e-6, Scan("stroke", 1e-6, 3e-2, 6)),
     )
 
     def applies(self, system, law, others=()):
