@@ -25,6 +25,7 @@ MENDED = {
     "ripple": (79,),
     "sensor_scale": (79,),
     "inertia": (85,),
+    "backlash": (91,),
     "asymmetry+drag": (86,),
     "sensor_delay": (80,),
 }
