@@ -134,7 +134,7 @@ CASES: tuple[tuple[str, str, Mapping[str, float]], ...] = (
     ("joint", "asymmetry", {"asymmetry": 0.1}),
     ("hinge", "hinge.mu_c", {"hinge.mu_c": 0.08}),
     ("hinge", "hinge.sigma_2", {"hinge.sigma_2": 0.03}),
-    ("pob", "backlash_gap", {"backlash_gap": 1.5e-4, "backlash_width": 1e-6}),  # as little as its bristle bends
+    ("pob", "backlash_gap", {"backlash_gap": 1.5e-4, "backlash_width": 1e-6}),  # less than its bristle bends
 )
 CLEAN = ("damper", "drive", "pendulum", "pob", "sdob", "joint", "hinge")
 

@@ -7,9 +7,11 @@ import pytest
 from cases import around, case, deviations
 
 from frictionpinn.data.noise import OutlierNoise
-from frictionpinn.data.recording import Recording
+from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.errors import UserError
 from frictionpinn.identify import Problem, maximum_likelihood, profile
+from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
 
 
 @pytest.fixture(scope="module")
@@ -147,3 +149,11 @@ def test_a_recording_without_a_predicted_signal_is_refused():
     only = Recording(tuple(t.__class__(t.name, t.t, {"force": t.signals["force"]}) for t in clean.trials), clean.units)
     with pytest.raises(UserError, match="nothing of x was recorded"):
         Problem(mechanism, only)
+
+
+def test_an_imposed_motion_without_its_force_is_refused():
+    t = np.linspace(0.0, 1.0, 50)
+    system = SYSTEMS["damper"]()
+    only = Recording((Trial("1", t, {"x": 0.01 * np.sin(6 * t)}),), dict(system.signal_units))
+    with pytest.raises(UserError, match="nothing to compare the model with"):
+        Problem(Mechanism(system, LAWS["coulomb"]()), only)
