@@ -20,64 +20,40 @@ from frictionpinn.workflow.summary import groups, summarise_sweep
 from frictionpinn.workflow.sweep import Sweep
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> Path:
-    """A sweep that nothing disturbed."""
-    folder = tmp_path_factory.mktemp("whole")
-    process = start(folder, *SWEEP, "hydra.sweep.dir=s")
-    out, err = process.communicate(timeout=240)
-    assert process.returncode == 0 and err == "", err
-    assert "3 of 3 jobs finished" in out
-    return folder / "s"
-
-
-@pytest.fixture(scope="module")
-def disturbed(tmp_path_factory):
-    """The same sweep: one job killed, then the sweep killed in the next job; what it said when it was resumed."""
-    folder = tmp_path_factory.mktemp("disturbed")
-    process = start(folder, *SWEEP, "hydra.sweep.dir=s")
-    jobs = [folder / "s" / f"{k}_pob_bb1_seed{k}" for k in range(3)]
+def test_a_sweep_with_killed_jobs_that_was_killed_itself_ends_like_one_never_disturbed(tmp_path):
+    out, err = start(tmp_path, *SWEEP, "hydra.sweep.dir=whole").communicate(timeout=240)
+    assert "3 of 3 jobs finished" in out and err == "", err
+    process = start(tmp_path, *SWEEP, "hydra.sweep.dir=s")
+    jobs = [tmp_path / "s" / f"{k}_pob_bb1_seed{k}" for k in range(3)]
     wait_for(lambda: running(jobs[1]), process)
     os.kill(running(jobs[1]), signal.SIGKILL)
-    wait_for(lambda: running(jobs[2]), process)
+    wait_for(lambda: running(jobs[2]), process)  # the others go on
     last = running(jobs[2])
     process.kill()
-    process.wait()
+    _, err = process.communicate()
+    assert err.count("error: ") == 1 and "[2/3] seed=1: its process died: SIGKILL" in err
     end = time.monotonic() + 10
     while Path(f"/proc/{last}").exists() and "Z" not in Path(f"/proc/{last}/stat").read_text().split()[2]:
         assert time.monotonic() < end, "a job outlived its sweep"
         time.sleep(0.02)
-    again = start(folder, "resume=s")
+    again = start(tmp_path, "resume=s")
     out, err = again.communicate(timeout=240)
-    return folder / "s", process.stderr.read(), again.returncode, out, err
-
-
-def test_a_sweep_with_killed_jobs_that_was_killed_itself_ends_like_one_never_disturbed(whole, disturbed):
-    folder, _, code, _, err = disturbed
-    assert code == 0 and err == ""
-    for name in ("summary.csv", "groups.csv"):
-        assert (folder / name).read_bytes() == (whole / name).read_bytes()
-
-
-def test_a_killed_job_is_reported_and_the_others_go_on(disturbed):
-    _, first_err, _, _, _ = disturbed
-    assert first_err.count("error: ") == 1 and "[2/3] seed=1: its process died: SIGKILL" in first_err
-
-
-def test_a_resumed_sweep_says_what_it_skipped_and_what_goes_on(disturbed):
-    _, _, _, out, _ = disturbed
+    assert again.returncode == 0 and err == ""
     assert "finished before and skipped: 0_pob_bb1_seed0" in out
     assert "going on from their last checkpoint: 1_pob_bb1_seed1, 2_pob_bb1_seed2" in out
+    for name in ("summary.csv", "groups.csv"):
+        assert (tmp_path / "s" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
-def test_further_values_in_the_folder_of_a_sweep_get_folders_of_their_own(whole):
-    before = {path: path.read_bytes() for path in whole.glob("*/result.json")}
-    arguments = [item.replace("seed=0,1,2", "seed=3,0") for item in SWEEP]
-    out, err = start(whole.parent, *arguments, "hydra.sweep.dir=s").communicate(timeout=120)
+def test_further_values_in_the_folder_of_a_sweep_get_folders_of_their_own(tmp_path):
+    few = (*SWEEP, "trainer.max_epochs=2", "hydra.sweep.dir=s")
+    start(tmp_path, *few, "seed=0,1").communicate(timeout=120)
+    before = {path: path.read_bytes() for path in tmp_path.glob("s/*/result.json")}
+    out, err = start(tmp_path, *few, "seed=2,0").communicate(timeout=120)
     assert "finished before and skipped: 0_pob_bb1_seed0" in out, err
-    assert (whole / "3_pob_bb1_seed3" / "result.json").is_file()
-    assert all(path.read_bytes() == content for path, content in before.items())
-    assert [job.number for job in read_manifest(whole)["jobs"]] == [0, 1, 2, 3]
+    assert (tmp_path / "s" / "2_pob_bb1_seed2" / "result.json").is_file()
+    assert len(before) == 2 and all(path.read_bytes() == content for path, content in before.items())
+    assert [job.number for job in read_manifest(tmp_path / "s")["jobs"]] == [0, 1, 2]
 
 
 # ---- the parts, without training
