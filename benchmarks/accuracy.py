@@ -69,7 +69,7 @@ def main() -> None:
     (ROOT / "benchmarks" / "results" / f"accuracy_{arguments.name}.txt").write_text(text)
     if arguments.name == "defaults":
         grouped = [results[k * arguments.seeds : (k + 1) * arguments.seeds] for k in range(len(cases))]
-        fill_page(markdown(grouped, unit))
+        fill_page("accuracy", markdown(grouped, unit))
 
 
 def markdown(groups: list[list[dict]], unit: str) -> str:
@@ -91,12 +91,12 @@ def markdown(groups: list[list[dict]], unit: str) -> str:
     return "\n".join(lines)
 
 
-def fill_page(table: str) -> None:
-    """Put the table between the markers of docs/accuracy.md."""
+def fill_page(name: str, table: str) -> None:
+    """Put a table between its markers in docs/accuracy.md."""
     path = ROOT / "docs" / "accuracy.md"
-    head, _, rest = path.read_text(encoding="utf-8").partition("<!-- accuracy -->")
-    tail = rest.partition("<!-- /accuracy -->")[2]
-    path.write_text(f"{head}<!-- accuracy -->\n{table}\n<!-- /accuracy -->{tail}", encoding="utf-8")
+    head, _, rest = path.read_text(encoding="utf-8").partition(f"<!-- {name} -->")
+    tail = rest.partition(f"<!-- /{name} -->")[2]
+    path.write_text(f"{head}<!-- {name} -->\n{table}\n<!-- /{name} -->{tail}", encoding="utf-8")
 
 
 def _split(values: str) -> list[str]:

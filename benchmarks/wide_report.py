@@ -60,7 +60,7 @@ def behind(case: dict) -> float:
     return np.nan if None in ends else ends[0] - ends[1]
 
 
-def _ratio(case: dict, name: str) -> float:
+def ratio(case: dict, name: str) -> float:
     """Error of the logarithm over the bound; NaN where the estimate or the bound tells nothing."""
     value, least, truth = case["values"].get(name), case["bound"].get(name), case["truth"][name]
     return np.log(value / truth) * truth / least if value and least and value > 0 else np.nan
@@ -81,14 +81,14 @@ def _identify(cases: list[dict]) -> dict[str, str]:
             own = [c for c in good if c[key] == value]
             rows[f"  behind: {value}"] = _share(sum(c in lost for c in own), len(own))
     for name in NAMES:
-        rows[f"every law, {name}: error / bound"] = _spread([_ratio(c, name) for c in good if name in c["truth"]])
+        rows[f"every law, {name}: error / bound"] = _spread([ratio(c, name) for c in good if name in c["truth"]])
     rows["inside 95 %, every law"] = _inside(good, NAMES)
     for law in LAWS:
         for name in NAMES:
             own = [c for c in good if c["law"] == law and name in c["truth"]]
             if own:
-                rows[f"{law} {name}: error / bound"] = _spread([_ratio(c, name) for c in own])
-                rows[f"  {law} {name}, not behind"] = _spread([_ratio(c, name) for c in own if c not in lost])
+                rows[f"{law} {name}: error / bound"] = _spread([ratio(c, name) for c in own])
+                rows[f"  {law} {name}, not behind"] = _spread([ratio(c, name) for c in own if c not in lost])
                 rows[f"  {law} {name}, inside 95 %"] = _inside(own, [name])
     for law in LAWS:
         own = [c for c in good if c["law"] == law]

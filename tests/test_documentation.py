@@ -125,3 +125,18 @@ def test_the_reference_describes_all_that_the_package_exports():
 def test_the_plan_of_an_experiment_runs_as_printed(capsys):
     exec(block("python", "fp.bound(drive"), {})
     assert "mu_s" in capsys.readouterr().out
+
+
+def test_the_page_how_good_says_what_the_results_of_the_benchmarks_say(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import how_good
+
+    written: dict[str, str] = {}
+    monkeypatch.setattr(how_good, "fill_page", written.__setitem__)
+    monkeypatch.setattr(how_good, "FIGURE", tmp_path / "how_good.png")
+    how_good.main()
+    page = (ROOT / "docs" / "accuracy.md").read_text()
+    assert {"parameters", "names", "machines"} == written.keys()
+    for name, table in written.items():
+        assert f"<!-- {name} -->\n{table}\n<!-- /{name} -->" in page, "run python benchmarks/how_good.py"
+    assert how_good.FIGURE.stat().st_size > 20_000
