@@ -2,7 +2,7 @@
 # make install  virtual environment in .venv with the pinned packages
 # make check    lint, format and types
 # make test     make check, then the test suite
-# make paper    every table and figure of the paper, ours beside theirs: docs/paper.md (under 20 minutes on two cores)
+# make paper    every table and figure of the paper, ours beside theirs: docs/paper.md (about half an hour on two cores)
 # make docs     the documentation, strictly: a broken link is an error; build/site/index.html (three minutes at first)
 # make bench    every benchmark, one after another
 # make clean    remove .venv and the caches; outputs/ stays
