@@ -22,6 +22,7 @@ from frictionpinn.data.units import registry
 from frictionpinn.errors import UserError
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS, Effect
 from frictionpinn.physics.base import TRIAL
+from frictionpinn.physics.effects import effects_for
 from frictionpinn.physics.mechanism import FRICTION, Mechanism
 from frictionpinn.physics.scan import SCALES, Scan, data_scales
 
@@ -175,3 +176,16 @@ def test_effects_act_in_one_order_whatever_the_order_given():
     forward, backward = (Mechanism(system, law, names) for names in (("adhesion", "drift"), ("drift", "adhesion")))
     assert forward.name == backward.name == "pob+lugre+adhesion+drift"
     assert forward.friction == backward.friction
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("asymmetry@hnge", "effect at no such contact.*allowed: asymmetry@box, asymmetry@hinge"),
+        ("payload@box", "effect at no such contact.*allowed: payload"),  # it acts on the whole mechanism
+        ("asymetry", "did you mean 'asymmetry'"),
+    ],
+)
+def test_an_effect_that_is_to_be_tried_where_there_is_no_such_one_is_refused(name, said):
+    with pytest.raises(UserError, match=said):
+        effects_for(SYSTEMS["pob_hinge"](), LAWS["lugre"](), [name])

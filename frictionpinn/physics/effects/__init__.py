@@ -5,7 +5,7 @@ Their order is that in which they act: what changes the load before what scales 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from ...errors import UserError, choose, nearest
 from ..base import FrictionLaw
@@ -87,11 +87,16 @@ def applicable(system: System, law: FrictionLaw, others: Iterable[str] = ()) -> 
     return tuple(e for e in effects if e.applies(system, law, tuple(others)))
 
 
-def effects_for(system: System, law: FrictionLaw, names: Iterable[str] | None = None) -> tuple[Effect, ...]:
+def effects_for(system: System, law: FrictionLaw, names: Collection[str] | None = None) -> tuple[Effect, ...]:
     """Every effect that can act on a system with a law, or the named ones among them, as objects.
 
     Of several contacts a name is of the effect at one, ``asymmetry@hinge``, or at each, ``asymmetry``.
+
+    Raises:
+        UserError: a name of no effect, or at no contact of the system.
     """
+    for name in names or ():
+        _made(name, system)
     every = applicable(system, law, tuple(effect.name for effect in applicable(system, law)))
     wanted = {e.name for e in every} if names is None else set(names)
     return tuple(e for e in every if {e.name, e.name.partition("@")[0]} & wanted)
