@@ -88,15 +88,16 @@ def names() -> list[Asked]:
     ]  # fmt: skip
 
 
-def machines() -> dict[str, tuple[float, float, float, str, list[str], str]]:
-    """Machine -> held-out error before, after, noise, its unit, the effects that were added, and the verdict."""
+def machines() -> dict[str, tuple[float, float, str, str, list[str], str]]:
+    """Machine -> held-out error before, after, noise, unit, the effects that were added, and the verdict."""
     found = {}
     for key, title in MACHINES.items():
         r = read("diagnose_measured")[key]
         simulated = r["errors"].get("theta")  # an angle to compare; the others' force was measured
-        values = simulated or next(e["relative"] for e in r["errors"].values() if "relative" in e)
-        scale, unit = (1000, "mrad") if simulated else (100, "%")
-        before, after, noise = (scale * values[k] for k in ("before", "after", "noise_floor"))
+        entry = simulated or next(e for e in r["errors"].values() if "relative" in e)
+        values, scale, unit = (entry, 1000, "mrad") if simulated else (entry["relative"], 100, "%")
+        before, after, floor = (scale * values[k] for k in ("before", "after", "noise_floor"))
+        noise = f"{floor:.2g} {unit} ({entry['noise_from']})"
         found[title] = before, after, noise, unit, [e["name"] for e in r["effects"]], r["verdict"]
     return found
 
@@ -164,7 +165,7 @@ def main() -> None:
     ))  # fmt: skip
     fill_page("machines", table(
         ("machine", "Coulomb + viscous", "with what was found", "noise", "effects", "verdict"),
-        [(title, f"{before:.2f} {unit}", f"{after:.2f} {unit}", f"{noise:.2f} {unit}", ", ".join(effects), verdict)
+        [(title, f"{before:.2f} {unit}", f"{after:.2f} {unit}", noise, ", ".join(effects), verdict)
          for title, (before, after, noise, unit, effects, verdict) in real.items()],
     ))  # fmt: skip
 

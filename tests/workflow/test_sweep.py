@@ -21,8 +21,9 @@ from frictionpinn.workflow.sweep import Sweep
 
 
 def test_a_sweep_with_killed_jobs_that_was_killed_itself_ends_like_one_never_disturbed(tmp_path):
-    out, err = start(tmp_path, *SWEEP, "hydra.sweep.dir=whole").communicate(timeout=240)
-    assert "3 of 3 jobs finished" in out and err == "", err
+    whole = start(tmp_path, *SWEEP, "hydra.sweep.dir=whole")
+    out, err = whole.communicate(timeout=240)
+    assert whole.returncode == 0 and "3 of 3 jobs finished" in out and err == "", err
     process = start(tmp_path, *SWEEP, "hydra.sweep.dir=s")
     jobs = [tmp_path / "s" / f"{k}_pob_bb1_seed{k}" for k in range(3)]
     wait_for(lambda: running(jobs[1]), process)
@@ -30,12 +31,13 @@ def test_a_sweep_with_killed_jobs_that_was_killed_itself_ends_like_one_never_dis
     wait_for(lambda: running(jobs[2]), process)  # the others go on
     last = running(jobs[2])
     process.kill()
-    _, err = process.communicate()
-    assert err.count("error: ") == 1 and "[2/3] seed=1: its process died: SIGKILL" in err
+    process.wait()  # what it said is read later: that would wait for a job that outlived it
     end = time.monotonic() + 10
     while Path(f"/proc/{last}").exists() and "Z" not in Path(f"/proc/{last}/stat").read_text().split()[2]:
         assert time.monotonic() < end, "a job outlived its sweep"
         time.sleep(0.02)
+    err = process.stderr.read()
+    assert err.count("error: ") == 1 and "[2/3] seed=1: its process died: SIGKILL" in err
     again = start(tmp_path, "resume=s")
     out, err = again.communicate(timeout=240)
     assert again.returncode == 0 and err == ""
