@@ -164,7 +164,7 @@ def diagnose(seed: int) -> dict:
     found, known = answer["parameters"], known_at(case, fitted)
     return result | {
         "verdict": answer["verdict"], "effects": [e["name"] for e in answer["effects"]],
-        "alike": [e["indistinguishable_from"] for e in answer["effects"]],
+        "alike": [e["indistinguishable_from"] for e in answer["effects"]], "inseparable": answer["inseparable"],
         "found": {n: p["value"] for n, p in found.items()}, "ci95": {n: p["ci95"] for n, p in found.items()},
         "inside": {n: p["ci95"][0] <= known[n] <= p["ci95"][1] for n, p in found.items()
                    if n in known and None not in p["ci95"]},

@@ -27,9 +27,11 @@ NOTES = {
 log-likelihood; error / bound: errors of the logarithm over the Cramer-Rao bound's relative standard error at the true
 noise levels, root mean square and, in brackets, median over that of a normal variable (1 where efficient); not behind:
 of the fits that are not behind; inside 95 %: intervals that hold the truth, of the told""",
-    "diagnose": """right: the true effect first in the answer or listed as alike to one that is; clear: every strength
-is more than 6 least standard errors (Cramer-Rao, fitted trials) from zero; floor: noise of the slip velocity in the
-held-out trials; intervals: of clean recordings and of those whose answer is right""",
+    "diagnose": """right: the true effect first in the answer or listed as alike to one that is; of two
+also one, the other said to be no more than a change of its parameters (a constant force beside a spring shifts where
+that is relaxed); clear: every strength is more than 6 least standard errors (Cramer-Rao, fitted trials) from zero;
+floor: noise of the slip velocity in the held-out trials; intervals: of clean recordings and of those whose answer is
+right""",
 }
 
 
@@ -122,6 +124,8 @@ def named(case: dict) -> str:
     if len(truth) == 1 and told[:1] == truth:
         return "first"
     if (set(truth) <= every) if len(truth) > 1 else truth[0] in every:
+        return "alike"
+    if set(truth) & every and set(truth) <= every | {*case.get("inseparable", ())}:
         return "alike"
     if set(truth) & every:
         return "one of two"

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+INSEPARABLE = "would not show beside the effects that were added: it acts as their parameters do"
+
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown, Verdict):
@@ -79,6 +81,12 @@ class Diagnosis(Shown, Verdict):
     def held_out(self) -> Recording:
         """The trials that no fit saw."""
         return self.bench.held_out
+
+    @property
+    def inseparable(self) -> list[Candidate]:
+        """What might act beside the effects that were added and would be part of them: it moves all that is measured as
+        their parameters do. A constant force beside a spring only shifts where that is relaxed."""
+        return [r.candidate for r in self.refused if r.why == INSEPARABLE]
 
     @property
     def main(self) -> str:
@@ -213,7 +221,10 @@ def _reasons(
         elif t.untested:
             result[c.name] = Refused(c, "could not be tested: its derivatives overflow in the simulation")
         elif t.freedom == 0:
-            result[c.name] = Refused(c, "acts not at all in this recording, or as what is estimated already")
+            early = first.get(c.name)
+            within = accepted and early is not None and early.freedom > 0
+            why = INSEPARABLE if within else "acts not at all in this recording, or as what is estimated already"
+            result[c.name] = Refused(c, why)
         elif t.log_p + np.log10(len(options)) > settings.log_p:
             early = first.get(c.name)
             explained = early is not None and early.log_p + np.log10(len(options)) < settings.log_p and accepted

@@ -35,7 +35,11 @@ def headline(d: Diagnosis) -> str:
         UNEXPLAINED: f"Something is missing that none of the names fits: {unnamed}.",
         NO_VERDICT: f"No verdict: {'; '.join(d.doubts)}.",
     }
-    sentences = [said[d.verdict], error_in_words(d), *further_off(d.errors, d.main)]
+    sentences = [said[d.verdict]]
+    if inside := [c.name for c in d.inseparable]:
+        present = listed([a.candidate.name for a in d.accepted])
+        sentences.append(f"Beside {present}, {listed(inside)} would not show: they act as parameters there do.")
+    sentences += [error_in_words(d), *further_off(d.errors, d.main)]
     if d.shares and d.left["value"] is not None:
         each = [f"{a.candidate.name} took off {share(own)}" for a, own in zip(d.accepted, d.shares, strict=True)]
         left = ", ".join(filter(None, [f"{share(d.left)} is left", dependence(d.unexplained or d.trifle)]))

@@ -190,6 +190,7 @@ def as_dict(d: Diagnosis) -> dict[str, Any]:
         "model": {"system": system.title, "friction": d.bench.mechanism.law.name,
                   "declared": [e.name for e in d.bench.mechanism.effects]},
         "effects": effects,
+        "inseparable": list(dict.fromkeys(c.effect for c in d.inseparable)),
         "error": main | {"on": d.scored},
         "errors": d.errors,
         "left": d.left,

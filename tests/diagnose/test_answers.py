@@ -68,6 +68,16 @@ def test_a_steady_push_and_friction_that_differs_by_direction_are_alike_under_a_
     assert {found.candidate.effect, *(c.effect for c, _ in found.alike)} == {"constant_force", "asymmetry"}, told(d)
 
 
+def test_what_would_be_part_of_an_effect_that_was_added_is_told_of_beside_it():
+    acting = {"spring_stiffness": 400.0, "constant_force": 8.0}  # together a spring that is relaxed elsewhere
+    tried = ["spring_force", "constant_force", "drag"]
+    d = diagnosed("damper", acting, ("spring_force", "constant_force"), effects=tried)
+    (low, high), relaxed = d.ci95["spring_rest"], -8.0 / 400.0
+    assert names(d) == ["spring_force"] and low <= relaxed <= high, told(d)
+    assert [c.name for c in d.inseparable] == ["constant_force"] and d.to_dict()["inseparable"] == ["constant_force"]
+    assert "Beside spring_force, constant_force would not show" in d.tables()[0].title
+
+
 def test_without_held_out_trials_the_fitted_ones_judge():
     d = diagnosed("drive", PUSHED, ("constant_force",), held_out=0, effects=["constant_force", "drag"])
     assert d.verdict == "effect found" and names(d) == ["constant_force"] and d.scored == "fitted trials"
