@@ -12,7 +12,7 @@ import numpy as np
 
 from ..data.recording import Recording
 from ..errors import UserError
-from ..identify.likelihood import minima_around
+from ..identify.likelihood import lowest_around
 from ..identify.problem import Problem
 from ..identify.tether import regained, tethered
 from ..identify.trial import TrialModel
@@ -158,7 +158,7 @@ class Bench:
             for x, old, new in zip(minimum.state.locals, minimum.models, models, strict=True)
         )  # fmt: skip
         return Fit(self.declared, values, models, replace(minimum.state, locals=locals_), dict(self.estimate.sigmas),
-                   span=self.widths[0], minima=minimum.minima)  # fmt: skip
+                   span=self.widths[0])  # fmt: skip
 
     def _complete(self, values: Mapping[str, float]) -> dict[str, float]:
         return {k: float(v) for k, v in (self.defaults | dict(values)).items() if v is not None}
@@ -200,7 +200,7 @@ class Bench:
             sigmas: noise levels; by default the fit's.
             limits: of parameters beside their usual ones.
             widths: resolutions in time that are followed, s, the coarsest first.
-            around: look for other minima around it.
+            around: look for lower minima around it.
             imitating: a fit whose motion stands for what was measured, without noise.
         """
         values, sigmas = self._complete(values), dict(sigmas or fit.sigmas)
@@ -218,14 +218,12 @@ class Bench:
             found = coarse_to_fine(evaluate, first, problem.space.limits, widths)
             if found is None:
                 return None
-            minima = [found]
             if around:
-                minima = minima_around(problem, evaluate, problem.apart(seen, sigmas, steps=steps), found)
+                found = lowest_around(problem, evaluate, problem.apart(seen, sigmas, steps=steps), found)
         except np.linalg.LinAlgError:  # derivatives that overflow
             return None
-        state = minima[0].state
-        return Fit(problem.names, problem.values(state.u), models, state, sigmas, widths[-1], fit.span,
-                   tuple(minima) if around else (), minima[0].reason == ENDED)  # fmt: skip
+        state, ended = found.state, found.reason == ENDED
+        return Fit(problem.names, problem.values(state.u), models, state, sigmas, widths[-1], fit.span, ended)
 
     def imitated(
         self, fit: Fit, names: Sequence[str], values: Mapping[str, float], limits: Ranges | None = None

@@ -15,11 +15,9 @@ from ..identify.likelihood import maximum_likelihood
 from ..identify.problem import Problem
 from ..identify.result import FAILED, Estimate
 from ..identify.trial import TrialModel
-from ..identify.uncertainty import information_of
 from ..numerics.coloured import outliers
-from ..numerics.descent import Solution
 from ..numerics.loss import Loss
-from ..numerics.quadratic import State, invert, reduced
+from ..numerics.quadratic import State
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.mechanism import Mechanism
 
@@ -39,7 +37,6 @@ class Fit:
         sigmas: noise levels that weighted the residuals, SI units.
         width: resolution in time at which model and measurement were compared, s; 0: sample by sample.
         span: time over which what a model lacks may stay correlated, s.
-        minima: of the likelihood around it, where they were looked for, best first.
         ended: whether the search for it came to an end.
     """
 
@@ -50,7 +47,6 @@ class Fit:
     sigmas: dict[str, float]
     width: float = 0.0
     span: float = 0.0
-    minima: tuple[Solution, ...] = ()
     ended: bool = True
 
     @property
@@ -63,17 +59,6 @@ class Fit:
         """Negative log-likelihood, and half of log n for every parameter (Bayesian information criterion)."""
         count = sum(len(model.t) * len(model.outputs) for model in self.models)
         return self.state.cost + 0.5 * len(self.names) * float(np.log(count))
-
-    @property
-    def widening(self) -> np.ndarray:
-        """Standard errors with all minima around the fit counted, over those of its curvature, in the order of names.
-
-        At least 1, and 1 where one minimum was found.
-        """
-        if len(self.minima) < 2:
-            return np.ones(len(self.names))
-        several, one = (invert(S).diagonal() for S in (information_of(self.minima), reduced(self.minima[0].state)[0]))
-        return np.sqrt(np.maximum(several / np.maximum(one, 1e-300), 1.0))
 
     @property
     def _residuals(self) -> dict[str, list[np.ndarray]]:

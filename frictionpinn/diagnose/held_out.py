@@ -84,7 +84,7 @@ def _judged(bench: Bench, fit: Fit) -> tuple[Fit | None, Surprise | None]:
             held = assembled(plain, held, [own[:-1] for own in carried([best], at, limits)], (at, at))
             moved = best.cost + 0.5 * float(np.linalg.slogdet(reduced(best)[0])[1] - np.linalg.slogdet(S)[1])
     cost = held.state.cost
-    return replace(fit, models=models, state=held.state, minima=()), Surprise(cost, cost if moved is None else moved)
+    return replace(fit, models=models, state=held.state), Surprise(cost, cost if moved is None else moved)
 
 
 def own_unknowns(path: Path, models: Sequence[TrialModel], first: State) -> Solution | None:

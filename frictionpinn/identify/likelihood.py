@@ -13,7 +13,7 @@ by whole samples (:mod:`frictionpinn.numerics.stops`). So the search goes
    starts, too: a design over what the sliding samples do not tell and a grid over what moves together, those that fit
    best held by the shortest tether (:func:`_elsewhere`);
 3. around what was found, with a bristle in each trial's own unknowns (:func:`lowest_of_trials`), and by ways that show
-   other minima of the parameters (:func:`minima_around`). Trials share the parameters alone: the likelihood has its
+   lower minima of the parameters (:func:`lowest_around`). Trials share the parameters alone: the likelihood has its
    minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each trial has been
    there, and they are put together (:func:`frictionpinn.numerics.minima.assembled`).
 """
@@ -32,7 +32,7 @@ from ..errors import UserError
 from ..numerics.descent import CLOSELY, KNOWN, Solution, coarse_to_fine, levenberg_marquardt
 from ..numerics.minima import AT_ONCE, KICKS, assembled, carried, lowest_of_trials
 from ..numerics.parallel import in_parallel
-from ..numerics.quadratic import Evaluate, Known, State, moved, reduced, same_minimum
+from ..numerics.quadratic import Evaluate, Known, State, moved, reduced
 from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.base import plain_name
 from ..physics.mechanism import Mechanism
@@ -108,26 +108,23 @@ def maximum_likelihood(
         elif not ends:
             return failed(problem, time.perf_counter() - began, problem.simulations - before)
     (solution, sigmas), models = settled, ends[0][1]
-    minima = [solution]
     if thorough:
         others = [end.state for end, _ in ends[1:]]
         costs = problem.evaluator(models, sigmas), problem.apart(models, sigmas)
-        minima = minima_around(problem, *costs, solution, others)
-        solution, sigmas = _settled(problem, models, minima[0], sigmas)
-    evaluate = problem.evaluator(models, sigmas)
-    beside = neighbours(evaluate, solution.state, problem.space.limits) if len(minima) > 1 else []
+        solution, sigmas = _settled(problem, models, lowest_around(problem, *costs, solution, others), sigmas)
+    beside = neighbours(problem.evaluator(models, sigmas), solution.state, problem.space.limits) if thorough else []
     white = _white(problem, solution.state)
-    minimum = Minimum(solution.state, tuple(models), solution.reason, tuple(minima))
+    minimum = Minimum(solution.state, tuple(models), solution.reason)
     spent = time.perf_counter() - began, problem.simulations - before
     return finish(problem, minimum, sigmas, *spent, beside=beside, profiles=profiles, white=white)
 
 
-def minima_around(
+def lowest_around(
     problem: Problem, evaluate: Evaluate, alone: Sequence[Evaluate], found: Solution, others: Sequence[State] = ()
-) -> list[Solution]:
-    """Minima around one that was found, lowest first: the first one is put together from each trial's best.
+) -> Solution:
+    """The lowest minimum around one that was found, put together from each trial's best.
 
-    It is first made the lowest that each trial's own unknowns allow (:func:`lowest_of_trials`), where a bristle makes
+    That is first made the lowest that each trial's own unknowns allow (:func:`lowest_of_trials`), where a bristle makes
     these rugged. Searches begin many and a few standard errors away, in directions drawn at random from what the data
     leave open: when a body stops and breaks away differs there. A contact rings, which resolutions next to the sample
     do not blur: with a bristle, other stiffnesses are followed from the next one. And what begins at rest may slide
@@ -176,8 +173,7 @@ def minima_around(
         ways = [(firsts[AT_ONCE:], own) for k, (firsts, own) in enumerate(ways) if k in left and firsts[AT_ONCE:]]
     ends.sort(key=lambda end: end.state.cost)
     offered = carried([*others, *(end.state for end in ends[1:])], ends[0].state.u, limits)
-    best = assembled(evaluate, ends[0], offered, limits)
-    return [best, *(end for end in ends if not same_minimum(best.state, end.state))]
+    return assembled(evaluate, ends[0], offered, limits)
 
 
 def beginnings(problem: Problem, state: State) -> list[State]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..data.inspect import no_slip
-from ..numerics.descent import ENDED, Solution
+from ..numerics.descent import ENDED
 from ..numerics.quadratic import State
 from ..physics.base import at_contact, plain_name
 from ..show import Shown, Table, interval, readable_unit
@@ -51,13 +51,11 @@ class Minimum:
         state: unknowns, cost and its local model there.
         models: of the trials.
         reason: why the search ended, see :class:`frictionpinn.numerics.descent.Solution`.
-        minima: the lowest and others found around it, best first, before the noise levels were refined.
     """
 
     state: State
     models: tuple[TrialModel, ...]
     reason: str
-    minima: tuple[Solution, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..numerics.descent import BUDGET, Solution
+from ..numerics.descent import BUDGET
 from ..numerics.quadratic import Evaluate, Limits, State, invert, moved, reduced
 from ..numerics.whiteness import correlation_time
 from ..progress import counted
@@ -22,38 +22,6 @@ UNTOLD = 1.0  # standard error of a logarithm: a 95 % interval of a factor 50
 SHARP = 0.25  # standard error over the value (of mu_s: its excess over mu_c), beyond which a likelihood is no parabola
 BESIDE = 4.0  # standard errors to the neighbours, where a rugged likelihood may tell much less
 WIDEST = 4.0  # factor by which a standard error grows at most for what its neighbours tell
-FORGOTTEN, SAME = 6.0, 0.02  # log-likelihood: a minimum farther behind counts no more; in log u: the same minimum
-
-
-def information_of(
-    minima: Sequence[Solution], final: State | None = None, known: np.ndarray | float = 0.0
-) -> np.ndarray:
-    """Information on u, shape (n_g, n_g), of a likelihood with several minima: Laplace's approximation at each.
-
-    The covariance is sum_k w_k (S_k^-1 + d_k d_k') with d_k the distance from the best and w_k in proportion to
-    exp(-cost_k) / sqrt(det S_k); with one minimum it is S^-1.
-
-    Args:
-        minima: best first.
-        final: the best after a last refinement, at other noise levels: its cost does not compare with the others'.
-        known: the prior's information, which is taken off each S_k, shape (n_g, n_g).
-    """
-    best = minima[0].state
-    final = final or best
-    parts: list[tuple[np.ndarray, np.ndarray, float]] = []  # u, information, logarithm of the weight
-    for solution in minima:
-        state, cost = (final, best.cost) if solution is minima[0] else (solution.state, solution.state.cost)
-        if cost > best.cost + FORGOTTEN or any(np.abs(state.u - u).max() < SAME for u, _, _ in parts):
-            continue
-        S = reduced(state)[0]
-        sign, logdet = np.linalg.slogdet(S)
-        if sign > 0 or not parts:
-            parts.append((state.u, S - known, best.cost - cost - 0.5 * logdet))
-    if len(parts) == 1:
-        return parts[0][1]
-    weights = np.exp(np.array([w for _, _, w in parts]) - max(w for _, _, w in parts))
-    covariances = [invert(S) + np.outer(u - final.u, u - final.u) for u, S, _ in parts]
-    return invert(np.tensordot(weights / weights.sum(), covariances, 1))
 
 
 def neighbours(evaluate: Evaluate, state: State, limits: Limits) -> list[State]:
@@ -153,8 +121,8 @@ def finish(
     """The estimate from where the search ended.
 
     Intervals are those of the data alone, without the prior: from the likelihood's curvature where a parameter is told
-    to ``SHARP`` of itself, else from its profile, to one side or to both. They are widened for other minima, for
-    points ``beside`` where the data may tell less, and for residuals that stay correlated.
+    to ``SHARP`` of itself, else from its profile, to one side or to both. They are widened for points
+    ``beside`` where the data may tell less, and for residuals that stay correlated.
 
     Args:
         problem, minimum: what was solved, and where the search ended.
@@ -179,8 +147,7 @@ def finish(
     memory = max(correlation_time(own) for own in rows.values())
     factor = memory if memory > CORRELATED else 1.0
     factor *= problem.loss.inflation(np.concatenate([r for own in rows.values() for r in own]))
-    found = minimum.minima or (Solution(state, minimum.reason),)
-    information = information_of(found, state, problem.prior.information)
+    information = reduced(state)[0] - problem.prior.information
     mask = untold(space, state.u, information / factor) & ~at & (minimum.reason != BUDGET)  # there: where it got
     covariance = widened(space, state.u, covariance_of(space, state.u, information, mask, at) * factor, beside, factor)
 
