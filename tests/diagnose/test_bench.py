@@ -168,16 +168,19 @@ def test_a_refit_without_end_or_short_of_its_promise_begins_at_the_coarse_resolu
     assert found.fit.state.cost < pushed.base.state.cost - 10
 
 
-def test_where_an_effect_leads_out_of_a_wrong_minimum_the_model_without_it_follows():
+def test_where_an_effect_leads_out_of_a_wrong_minimum_the_model_without_it_follows_and_settles_there():
     bench = bench_of(["constant_force"], {"constant_force": FORCE})
-    right, bench.base = bench.base, gone_wrong(bench, bench.base, 1.5)
+    right, wrong = bench.base, gone_wrong(bench, bench.base, 1.5)
+    bench.base = replace(wrong, sigmas={name: 1.2 * sigma for name, sigma in wrong.sigmas.items()})
     effect = EFFECTS["constant_force"]()
     options = candidates(
         [effect], bench.mechanism.system, bench.mechanism.law, scales(bench.mechanism.system, bench.runs)
     )
     found = select(bench, options, Settings())
     assert [a.candidate.name for a in found.accepted] == ["constant_force"]
-    assert found.base.state.cost == pytest.approx(right.state.cost, abs=2.0)
+    assert found.base.sigmas == pytest.approx(right.levels(bench.problem.loss), rel=0.02)
+    there = bench.refit(right, right.names, right.values, sigmas=found.base.sigmas)
+    assert found.base.state.cost == pytest.approx(there.state.cost, abs=2.0)
     assert found.fit.values["constant_force"] == pytest.approx(FORCE, rel=0.1)
 
 
