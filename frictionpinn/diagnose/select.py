@@ -72,11 +72,11 @@ def select(bench: Bench, options: Sequence[Candidate], settings: Settings) -> Se
     3. The most significant are refitted with all parameters from where they were tested down to the sample, and ranked
        by their evidence, each in its own minimum, see :func:`frictionpinn.diagnose.contenders.judged`.
     4. Those that are not told apart are judged by the evidence of the held-out trials, the more usual effect first.
-    5. Where the winner has led to a minimum that is lower without it, too, all are tested anew around that. Else it is
-       kept if fitted and held-out trials both speak for it and a mechanism can have it; what it makes superfluous is
-       taken out. Rivals of which its evidence does not tell it for certain, and that have nothing left to explain beside
-       it, are reported as alike. Those that came before it are judged anew beside it, by the same evidence: what each
-       was told from may explain as much now, or more. And again from 2.
+    5. Where the winner has led to a minimum that is lower without it, too, all are tested anew around that. Else it
+       is kept if fitted and held-out trials both speak for it and a mechanism can have it; what it makes superfluous
+       is taken out. Rivals of which its evidence does not tell it for certain, and that have nothing left to explain
+       beside it, are reported as alike. Those that came before it are judged anew beside it, by the same evidence:
+       what each was told from may explain as much now, or more. And again from 2.
     6. What is left is judged by :func:`frictionpinn.diagnose.verdict.judge`.
 
     Args:
