@@ -38,7 +38,7 @@ def headline(d: Diagnosis) -> str:
     sentences = [said[d.verdict]]
     if inside := [c.name for c in d.inseparable]:
         present = listed([a.candidate.name for a in d.accepted])
-        sentences.append(f"Beside {present}, {listed(inside)} would not show: they act as parameters there do.")
+        sentences.append(f"Beside {present}, {listed(inside)} would not show: the parameters added do the same.")
     sentences += [error_in_words(d), *further_off(d.errors, d.main)]
     if d.shares and d.left["value"] is not None:
         each = [f"{a.candidate.name} took off {share(own)}" for a, own in zip(d.accepted, d.shares, strict=True)]
