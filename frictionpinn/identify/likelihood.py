@@ -78,8 +78,8 @@ def maximum_likelihood(
         options: see :class:`Problem`.
 
     Returns:
-        The estimate with 95 % intervals of the data alone: from the curvature of the likelihood, widened where that
-        has several minima or where its neighbourhood tells less; from its profile where a parameter is told poorly.
+        The estimate with 95 % intervals of the data alone: from the curvature of the likelihood, widened where its
+        neighbourhood tells less; from its profile where a parameter is told poorly.
 
     Raises:
         UserError: names, bounds or signals that do not fit the mechanism.
