@@ -161,8 +161,8 @@ def _trial(
         at = run.at(contact)
         values = {"friction_force": at.F, "normal_force": at.N, "v_slip": at.v_slip, "z": at.z, "z_rate": at.zdot}
         truth_signals |= {at_contact(contact, name): value for name, value in values.items()}
-    if mechanism.system.massless and not mechanism.effects:  # the measured force of a test bench is the friction force
-        signals[inputs[0]] = run.F
+    if mechanism.system.massless:  # a test bench measures the friction force, as its sensor shows it
+        signals[inputs[0]] = run.signals[inputs[0]] if mechanism.effects else run.F
     return Trial(str(spec.get("name", k + 1)), t, signals, truth_signals, start, k + 1)
 
 

@@ -50,6 +50,15 @@ def test_a_test_bench_measures_the_friction_force():
     np.testing.assert_array_equal(trial.signals["force"], trial.truth["friction_force"])
 
 
+def test_a_test_bench_measures_what_acts_beside_the_law_too_as_its_sensor_shows_it():
+    bench, law = SYSTEMS["damper"](), {"mu_c": 100.0, "sigma_2": 200.0}
+    trials = [{"duration": 0.5, "x": "0.01*sin(6*t)"}]
+    acting = law | {"constant_force": 8.0, "delay_force": 0.04}  # four samples
+    (plain,) = simulate_recording(bench, "coulomb_viscous", law, trials, 100.0).trials
+    (made,) = simulate_recording(bench, "coulomb_viscous", acting, trials, 100.0, ["constant_force", "delay"]).trials
+    np.testing.assert_allclose(made.signals["force"][:-4], plain.signals["force"][4:] + 8.0, rtol=1e-6)
+
+
 def test_a_free_motion_starts_where_it_is_told_to():
     truth = {"sigma_0": 50.0, "sigma_1": 0.5, "sigma_2": 0.01, "mu_c": 0.05, "mu_s": 0.08, "v_s": 0.02}
     (trial,) = simulate({"duration": 0.5, "initial": {"theta": 1.6}}, system="pendulum", truth=truth).trials

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 import pytest
@@ -39,9 +39,6 @@ class Bed:
     def record(self, values: Mapping[str, float], effects: tuple[str, ...], seed: int) -> Recording:
         system = SYSTEMS[self.system]()
         made = simulate_recording(system, self.law, {**self.truth, **values}, self.trials, self.rate_hz, effects)
-        if system.massless:
-            sensed = [replace(t, signals=t.signals | {"force": t.truth["friction_force"]}) for t in made.trials]
-            made = replace(made, trials=tuple(sensed), units={**made.units, "force": "N"})
         return GaussianNoise(NOISE)(made, seed)
 
 
