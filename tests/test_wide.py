@@ -1,4 +1,4 @@
-"""The generator of benchmarks/wide.py: reproducible, in contact, sliding, and noisy as it says."""
+"""The generator of benchmarks/wide.py: reproducible, in contact, sliding, and noisy as it says; and its scores."""
 
 import sys
 from pathlib import Path
@@ -9,6 +9,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 from wide_draw import MOST_SAMPLES, SLIDES, draw
+from wide_report import named
 
 
 @pytest.fixture(scope="module", params=[12, 22])
@@ -62,3 +63,17 @@ def test_friction_without_memory_keeps_to_its_cone_while_the_load_changes(seed):
         assert np.all(np.abs(force - case.truth["sigma_2"] * v) <= case.truth["mu_s"] * load * (1 + 1e-9))
         slides = np.abs(v) > 1e-5
         assert np.all(np.sign(force[slides]) == np.sign(v[slides]))
+
+
+@pytest.mark.parametrize(
+    ("truth", "inseparable", "score"),
+    [
+        (["spring_force", "constant_force"], ["constant_force"], "alike"),  # one spring is both
+        (["spring_force", "constant_force"], [], "one of two"),
+        (["constant_force"], ["constant_force"], "wrong"),  # there is no spring
+        (["constant_force", "drag"], ["constant_force", "drag"], "wrong"),
+    ],
+)
+def test_what_is_said_to_be_part_of_an_answer_counts_beside_a_right_name_alone(truth, inseparable, score):
+    answer = {"verdict": "effect found", "effects": ["spring_force"], "alike": [[]]}
+    assert named(answer | {"true_effects": truth, "inseparable": inseparable}) == score

@@ -215,18 +215,16 @@ def _reasons(
     for c in options:
         if c.name in taken or c.name in result:
             continue
-        t = final.get(c.name)
+        t, early = final.get(c.name), first.get(c.name)
         if t is None:
             result[c.name] = Refused(c, "beside the effects that were added nothing is left for it")
         elif t.untested:
             result[c.name] = Refused(c, "could not be tested: its derivatives overflow in the simulation")
         elif t.freedom == 0:
-            early = first.get(c.name)
             within = accepted and early is not None and early.freedom > 0
             why = INSEPARABLE if within else "acts not at all in this recording, or as what is estimated already"
             result[c.name] = Refused(c, why)
         elif t.log_p + np.log10(len(options)) > settings.log_p:
-            early = first.get(c.name)
             explained = early is not None and early.log_p + np.log10(len(options)) < settings.log_p and accepted
             why = "explained by the effects that were added" if explained else "not significant"
             degrees = f"{t.freedom} degree{'s' if t.freedom > 1 else ''} of freedom"

@@ -121,8 +121,8 @@ def finish(
     """The estimate from where the search ended.
 
     Intervals are those of the data alone, without the prior: from the likelihood's curvature where a parameter is told
-    to ``SHARP`` of itself, else from its profile, to one side or to both. They are widened for points
-    ``beside`` where the data may tell less, and for residuals that stay correlated.
+    to ``SHARP`` of itself, else from its profile, to one side or to both. They are widened for points ``beside``
+    where the data may tell less, and for residuals that stay correlated.
 
     Args:
         problem, minimum: what was solved, and where the search ended.
