@@ -140,8 +140,8 @@ def implied_forces(bench: Bench, fit: Fit, outliers: Masks) -> dict[str, list[tu
             y = y if name in model.outputs else np.where(np.isnan(y), run.signals[name], y)
             measured[name] = np.where(masks.get(name, False), np.nan, y)
         if system.massless:
-            ((name, key), *_) = model.outputs.items()
-            result.setdefault(name, []).append((measured[name], run.F if key == "F" else run.signals[key]))
+            name = model.outputs[0]
+            result.setdefault(name, []).append((measured[name], run.signals[name]))
             continue
         for name, (at, force) in frictions(system).items():
             pair = samples(at, replace(run, signals=measured), force), run.at(at.contacts[0].name).F

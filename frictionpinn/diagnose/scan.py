@@ -247,8 +247,8 @@ class _Place:
                 steady = [z for z in simulator.bristles if z not in model.start]
                 path = model.path(fit.locals[k], fit.values)
                 tangent = Tangent(simulator, self.runs[k], path, fit.values, steady=steady)
-                changes = tangent.respond(c.strengths, c.grid, model.contact)
-                J = np.stack([changes[key] for key in model.outputs.values()])
+                changes = tangent.respond(c.strengths, c.grid, contact=False)
+                J = np.stack([changes[name] for name in model.outputs])
             else:
                 J = np.concatenate([simulated(k, shape) for shape in c.grid], axis=2)
             rows = weighted(J, row.weight[: len(J)], samples_within(model.t, fit.width))

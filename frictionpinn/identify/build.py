@@ -29,12 +29,12 @@ class Channels:
     """Which recorded signals a mechanism's model produces, and which drive it.
 
     Attributes:
-        outputs: measured signal -> the model's name for it.
+        outputs: measured signals that the model predicts.
         motions: signals (position, velocity, acceleration) and places in u of every driven coordinate.
         plain: signal and place in u of every other input that acts.
     """
 
-    outputs: dict[str, str]
+    outputs: tuple[str, ...]
     motions: tuple[tuple[tuple[str, ...], tuple[int, ...]], ...]
     plain: tuple[tuple[str, int], ...]
 
@@ -46,30 +46,20 @@ class Channels:
             UserError: nothing that the model predicts was measured, or nothing of a driven coordinate.
         """
         names = mechanism.input_signals
-        outputs = {name: name for c in mechanism.free for name in c.signals if name in recorded}
+        outputs = tuple(name for name in mechanism.predictions if name in recorded)
         motions = tuple((c.signals, tuple(names.index(name) for name in c.signals)) for c in mechanism.driven)
         for c in mechanism.system.moving:
             if not recorded.intersection(c.signals):
                 allowed, received = f"at least one of {', '.join(c.signals)}", ", ".join(sorted(recorded))
                 raise UserError(f"nothing of {c.name} was recorded", where="recording", received=received,
                                 allowed=allowed)  # fmt: skip
-        plain: list[tuple[str, int]] = []
-        if mechanism.system.massless:
-            shown = {item.name: item.name if mechanism.effects else "F" for item in mechanism.system.inputs}
-            outputs = {name: key for name, key in shown.items() if name in recorded}
-            if not outputs:
-                allowed, received = f"at least one of {', '.join(shown)}", ", ".join(sorted(recorded))
-                raise UserError(
-                    "nothing to compare the model with", where="recording", received=received, allowed=allowed
-                )
-        else:
-            acting = set().union(*(sp.sympify(row).free_symbols for row in mechanism.residuals))
-            plain = [
-                (item.name, names.index(item.name))
-                for item in mechanism.system.inputs
-                if item.symbol in acting and item.name in recorded
-            ]
-        return cls(outputs, motions, tuple(plain))
+        if not outputs:
+            allowed, received = f"at least one of {', '.join(mechanism.predictions)}", ", ".join(sorted(recorded))
+            raise UserError("nothing to compare the model with", where="recording", received=received, allowed=allowed)
+        rows = () if mechanism.system.massless else mechanism.residuals
+        acting = set().union(*(sp.sympify(row).free_symbols for row in rows))
+        inputs = [item for item in mechanism.system.inputs if item.symbol in acting and item.name in recorded]
+        return cls(outputs, motions, tuple((item.name, names.index(item.name)) for item in inputs))
 
     @property
     def input_names(self) -> tuple[str, ...]:
@@ -133,7 +123,7 @@ def trial_model(
         start |= dict.fromkeys(simulator.bristles, 0.0)
     positions = [c.signals[0] for c in mechanism.free]
     acting = [c.signals[0] for c in unplaced(mechanism.system, set(trial.signals))]
-    y = measured(tuple(channels.outputs))
+    y = measured(channels.outputs)
     if not all(contact.law.memory for contact in mechanism.contacts):
         for row, name in zip(y, channels.outputs, strict=True):
             if name in {c.signals[2] for c in mechanism.free}:

@@ -102,7 +102,9 @@ def maximum_likelihood(
     if not ends or not _white(problem, settled[0].state):  # another start may explain more
         found, sigmas = _elsewhere(problem, held, us, seen)
         if found:
-            found += [again for end in ends[:1] for again in _again(problem, end, sigmas)]
+            for end, models in ends[:1]:
+                again = _minimum(problem, models, end.state, sigmas, **CLOSELY)
+                found += [] if again is None else [(again, models)]
             ends = sorted(found, key=lambda end: end[0].state.cost)
             settled = _settled(problem, ends[0][1], ends[0][0], sigmas)
         elif not ends:
@@ -221,33 +223,29 @@ def _elsewhere(
     return followed(path, us, path.stages, seen if path.sigmas == problem.sigmas else {}), dict(path.sigmas)
 
 
-def _again(problem: Problem, end: Found, sigmas: Mapping[str, float]) -> list[Found]:
-    """A minimum at other noise levels; none where it cannot be simulated."""
-    evaluate = problem.evaluator(end[1], sigmas)
-    first = evaluate(end[0].state.u, end[0].state.locals, True)
-    if first is None:
-        return []
-    return [(levenberg_marquardt(evaluate, first, problem.space.limits, **CLOSELY), end[1])]
+def _minimum(
+    problem: Problem, models: Sequence[TrialModel], state: State, sigmas: Mapping[str, float], **how: Any
+) -> Solution | None:
+    """The minimum from a state on, at these noise levels; None where it cannot be simulated."""
+    evaluate = problem.evaluator(models, sigmas)
+    first = evaluate(state.u, state.locals, True)
+    return None if first is None else levenberg_marquardt(evaluate, first, problem.space.limits, **how)
 
 
 def _settled(
     problem: Problem, models: Sequence[TrialModel], solution: Solution, sigmas: dict[str, float]
 ) -> tuple[Solution, dict[str, float]]:
     """The minimum at the noise levels that its residuals show, and these."""
-    limits = problem.space.limits
     if len(problem.given) == len(problem.sigmas):
-        return levenberg_marquardt(problem.evaluator(models, sigmas), solution.state, limits, iterations=20), sigmas
+        evaluate, limits = problem.evaluator(models, sigmas), problem.space.limits
+        return levenberg_marquardt(evaluate, solution.state, limits, iterations=20), sigmas
     for left in counted(range(NOISE_ROUNDS)[::-1], "noise levels"):
         before, sigmas = sigmas, _sigmas_of(problem, models, solution.state)
         change = max(abs(np.log(sigmas[name] / before[name])) for name in sigmas)
-        evaluate = problem.evaluator(models, sigmas)
-        first = evaluate(solution.state.u, solution.state.locals, True)
-        if first is None:
-            break
         last = change < SETTLED or not left
-        how = {"iterations": 20} if last else CLOSELY
-        solution = levenberg_marquardt(evaluate, first, limits, **how)
-        if last:
+        found = _minimum(problem, models, solution.state, sigmas, **({"iterations": 20} if last else CLOSELY))
+        solution = solution if found is None else found
+        if last or found is None:
             break
     return solution, sigmas
 

@@ -33,7 +33,7 @@ class TrialModel:
         simulator: of the mechanism.
         trial: name of the trial (and window).
         t: times, s, shape (n,).
-        outputs: measured signal -> the model's ("x" -> "x"; "force" -> "F" of a damper without effects).
+        outputs: measured signals that the model predicts.
         y: measured outputs, shape (n_out, n), NaN where missing.
         base: input path without the noisy inputs.
         inputs: noisy inputs.
@@ -48,7 +48,7 @@ class TrialModel:
     simulator: Simulator
     trial: str
     t: np.ndarray
-    outputs: dict[str, str]
+    outputs: tuple[str, ...]
     y: np.ndarray
     base: InputPath
     inputs: tuple[NoisyInput, ...]
@@ -68,11 +68,6 @@ class TrialModel:
                 coefficients[:, list(item.columns)] = item.basis.pieces[j]
                 directions[f"{item.names[0]}[{j}]"] = InputPath(self.base.names, self.t, coefficients)
         object.__setattr__(self, "directions", Directions.of(directions, self.base.coefficients.shape))
-
-    @property
-    def contact(self) -> bool:
-        """Whether a friction force is measured: else derivatives of the motion are enough."""
-        return "F" in self.outputs.values()
 
     def begun(self, motion: Motion) -> TrialModel:
         """The model that begins where this motion does, as far as its position acts and was not measured."""
@@ -198,18 +193,18 @@ class TrialModel:
         """
         wanted = [*names, *(f"{state}(0)" for state in self.states)] if names else []
         directions: Any = (self._moves(p) if names and joint else None) or {}
-        path, y0, contact = self.path(local, p), self.initial(p, local), self.contact
+        path, y0 = self.path(local, p), self.initial(p, local)
         if ran is not None and names:
             steady = [z for z in self.simulator.bristles if z not in y0]
-            changes = self.simulator.differentiate(ran, path, p, wanted, directions, steady=steady, contact=contact)
+            changes = self.simulator.differentiate(ran, path, p, wanted, directions, steady=steady, contact=False)
             return replace(ran, sensitivity_names=(*wanted, *directions), sensitivities=changes)
         return self.simulator.simulate(
-            self.t, path, p, y0, z0="steady", sensitivities=wanted, directions=directions, contact=contact, **options
+            self.t, path, p, y0, z0="steady", sensitivities=wanted, directions=directions, contact=False, **options
         )
 
     def predict(self, run: Simulation) -> np.ndarray:
         """What a simulation says of the measured outputs, shape (n_out, n), SI units."""
-        return np.stack([run.F if key == "F" else run.signals[key] for key in self.outputs.values()])
+        return np.stack([run.signals[name] for name in self.outputs])
 
     def jumps(
         self, run: Simulation, p: Mapping[str, float], names: Sequence[str], r: np.ndarray, scale: np.ndarray
@@ -245,7 +240,7 @@ class TrialModel:
 
         The motion that drives is the true one where it is among the unknowns (``joint``), whatever its sensors show.
         """
-        J = np.ascontiguousarray(np.stack([run.sensitivities[key] for key in self.outputs.values()]))
+        J = np.ascontiguousarray(np.stack([run.sensitivities[name] for name in self.outputs]))
         own = self.simulator.motion_sensors.of(self.sensed) if joint else ()
         J[:, :, [k for k, name in enumerate(names) if name in own]] = 0.0
         for z, stiffness in self.bristles:

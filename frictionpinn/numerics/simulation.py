@@ -62,14 +62,14 @@ class Simulation:
         v_slip, N, F: slip velocity, normal force and friction force, shape (n,). With several contacts these and the
             bristle states have the shape (n, contacts), and :meth:`at` gives those of one.
         signals: name -> samples, shape (n,): free and driven coordinates and inputs, named as in a recording; as the
-            sensors show them where an effect changes a sensor. With effects, the input of a massless system is its
-            predicted force.
+            sensors show them where an effect changes a sensor. The input of a massless system is its predicted
+            force.
         steps: the integrator's steps.
         states, unknowns: what it solved for, at the samples: (q, v, states of effects, z) and their rates.
         sensitivity_names: what the sensitivities are taken with respect to, in order.
         sensitivities: name -> derivatives, shape (n, n_sens), of every signal of a free coordinate and of ``z``,
-            ``zdot``, ``v_slip``, ``N`` and ``F`` (``hinge.F`` with several contacts; with effects, of a massless
-            system's input too); empty where none were asked for.
+            ``zdot``, ``v_slip``, ``N`` and ``F`` (``hinge.F`` with several contacts), of a massless system's input
+            too; empty where none were asked for.
         contacts: names of the contacts; one without a name where there is no other.
     """
 

@@ -132,6 +132,8 @@ CASES: tuple[tuple[str, str, Mapping[str, float]], ...] = (
     ("hinge", "hinge.mu_c", {"hinge.mu_c": 0.08}),
     ("hinge", "hinge.sigma_2", {"hinge.sigma_2": 0.03}),
     ("pob", "backlash_gap", {"backlash_gap": 1.5e-4, "backlash_width": 1e-6}),  # less than its bristle bends
+    ("damper", "bias_force", {"bias_force": 10.0}),
+    ("damper", "delay_force", {"delay_force": 8e-3}),
 )
 CLEAN = ("damper", "drive", "pendulum", "pob", "sdob", "joint", "hinge")
 

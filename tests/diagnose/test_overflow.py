@@ -55,9 +55,9 @@ def test_a_simulation_that_fails_at_some_shape_leaves_the_others(drive, monkeypa
     usual, respond = tested(), scanning.Tangent.respond
 
     def fails(keep):
-        def work(*a):
+        def work(*a, **options):
             lost = np.repeat([shape not in keep for shape in ripple.grid], len(ripple.strengths))
-            return {key: np.where(lost, np.inf, values) for key, values in respond(*a).items()}
+            return {key: np.where(lost, np.inf, values) for key, values in respond(*a, **options).items()}
 
         return work
 

@@ -34,7 +34,7 @@ def differences(sim, inputs, p, y0, name, steps, relative, **options):
             return {}
     at_contacts = [contact.z.name.rpartition("z")[0] for contact in sim.mechanism.contacts]
     outputs = [f"{at}{name}" for at in at_contacts for name in ("N", "F", "z", "zdot", "v_slip")]
-    outputs += [name for c in sim.mechanism.free for name in c.signals]
+    outputs += list(sim.mechanism.predictions)
     above, below = ({name: quantity(run, name) for name in outputs} for run in runs)
     return {name: ((above[name] - below[name]) / (2 * h), 1e-15 * np.abs(above[name]).max() / h) for name in outputs}
 
