@@ -45,6 +45,10 @@ def seven(path: Path) -> Path:
     return path
 
 
+class NoSuchDraw(Exception):
+    """An arm that cannot be: the seed is passed over."""
+
+
 @dataclass
 class Arm:
     """Parameters of a simulated arm: LuGre by joint, motors' inertias, and one undeclared effect at some joints.
@@ -139,7 +143,11 @@ def simulate(
     name: str = "run",
     speeds: tuple[float, float] | None = None,
 ) -> Trial:
-    """One recording of the arm."""
+    """One recording of the arm.
+
+    Raises:
+        NoSuchDraw: a load takes more than all of a joint's friction away.
+    """
     import pinocchio as pin
 
     robot, n = arm.robot, len(arm.mu_c)
@@ -170,6 +178,8 @@ def simulate(
         load = pin.rnea(model, data, q, v, a) - arm.armature * a
         twist = compliance * load
         g, beside = friction(load, q, v, t[i])
+        if not (g > 0).all():  # loads beyond those along the motion that is asked for
+            raise NoSuchDraw(f"{name}: a joint whose friction drives it at {t[i]:.2f} s")
         slope = arm.sigma_0 * np.abs(v) / g
         F = arm.sigma_0 * z + arm.sigma_1 * (v - slope * z) + beside
         if i % EVERY == 0:

@@ -8,11 +8,12 @@ every joint, all inertias free.
 
 An effect is drawn so that its torque, less all that the declared model could take it for along the motion (its
 bristle too, which takes a wrist's delay for its own length), is 5 to 10 % of the friction of its joint (a base leans
-by 0.03 and 0.02 rad); joints in which no plausible strength makes that are passed over. Shear thinning is told apart
-from viscous friction by its bend alone, 2.6 % at the most: it is drawn at 1 s/rad, which bends most, in joints where
-that is 1.5 %, with viscous friction 1 to 2 times the dry at 1 rad/s. z is what the bound of Cramer and Rao gives an
-effect in standard errors (robot_draw.py). Before, strengths were the same in every arm and joint and motions slower,
-of 25 s: results/robots_before.txt.
+by 0.03 and 0.02 rad); joints in which no plausible strength makes that are passed over, and arms with a joint that its
+load leaves no friction at some time of the recording. Shear thinning is told apart from viscous friction by its bend
+alone, 2.6 % at the most: it is drawn at 1 s/rad, which bends most, in joints where that is 1.5 %, with viscous friction
+1 to 2 times the dry at 1 rad/s. z is what the bound of Cramer and Rao gives an effect in standard errors
+(robot_draw.py). Before, strengths were the same in every arm and joint and motions slower, of 25 s:
+results/robots_before.txt.
 
 Results go to results/robots.json as they come; a second call goes on.
 """
@@ -28,7 +29,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from robot_arms import Arm, draw, recorded, reference, seven
+from robot_arms import Arm, NoSuchDraw, draw, recorded, reference, seven
 from robot_draw import SHARES, Declared
 
 from frictionpinn.data.public import fetch
@@ -44,10 +45,6 @@ EFFECTS = ("load_friction", "gain_error", "asymmetry", "ripple", "constant_force
 DURATIONS = (15.0, 8.0)
 THINNING = 0.015  # share of its joint's friction that the bend of thinning viscous friction must have
 SPEEDS = (1.0, 2.0)  # rad/s, between which a joint's fastest lies: makers allow 2 to 3
-
-
-class NoSuchDraw(Exception):
-    """An effect is too small in every joint of an arm: the seed is passed over."""
 
 
 def robot_of(seed: int, folder: Path) -> Robot:
@@ -81,7 +78,7 @@ def made(seed: int, folder: Path) -> tuple[Arm, str, int | None, np.random.Gener
             with_effect = declared.sized(arm, effect, joint, share)
         if with_effect is not None:
             return with_effect, effect, joint, rng
-    raise NoSuchDraw(f"seed {seed}: no joint in which {effect} is large enough")
+    raise NoSuchDraw(f"no joint in which {effect} is large enough")
 
 
 def one(seed: int, folder: Path) -> dict:
@@ -162,7 +159,7 @@ def main() -> None:
             try:
                 rows.append(one(seed, Path(folder)))
             except NoSuchDraw as none:
-                print(none, flush=True)
+                print(f"seed {seed}: {none}", flush=True)
                 continue
             path.write_text(json.dumps(sorted(rows, key=lambda r: r["seed"]), indent=1) + "\n")
             print(told(rows[-1:]).splitlines()[1], flush=True)
