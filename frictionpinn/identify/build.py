@@ -56,10 +56,10 @@ class Channels:
         if not outputs:
             allowed, received = f"at least one of {', '.join(mechanism.predictions)}", ", ".join(sorted(recorded))
             raise UserError("nothing to compare the model with", where="recording", received=received, allowed=allowed)
-        rows = () if mechanism.system.massless else mechanism.residuals
-        acting = set().union(*(sp.sympify(row).free_symbols for row in rows))
-        inputs = [item for item in mechanism.system.inputs if item.symbol in acting and item.name in recorded]
-        return cls(outputs, motions, tuple((item.name, names.index(item.name)) for item in inputs))
+        acting = set().union(*(sp.sympify(row).free_symbols for row in mechanism.residuals))
+        inputs = [item.name for item in mechanism.system.inputs if item.symbol in acting]
+        plain = tuple((name, names.index(name)) for name in inputs if name in recorded and name not in outputs)
+        return cls(outputs, motions, plain)
 
     @property
     def input_names(self) -> tuple[str, ...]:

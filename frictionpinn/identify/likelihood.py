@@ -102,9 +102,8 @@ def maximum_likelihood(
     if not ends or not _white(problem, settled[0].state):  # another start may explain more
         found, sigmas = _elsewhere(problem, held, us, seen)
         if found:
-            for end, models in ends[:1]:
-                again = _minimum(problem, models, end.state, sigmas, **CLOSELY)
-                found += [] if again is None else [(again, models)]
+            if ends and (again := _minimum(problem, ends[0][1], ends[0][0].state, sigmas, **CLOSELY)):
+                found.append((again, ends[0][1]))
             ends = sorted(found, key=lambda end: end[0].state.cost)
             settled = _settled(problem, ends[0][1], ends[0][0], sigmas)
         elif not ends:

@@ -83,7 +83,7 @@ class Sensors:
 
     def __init__(self, mechanism: Mechanism, parameters: tuple[str, ...], delays: Delays):
         self.parameters = parameters
-        predictions = mechanism.predictions if mechanism.effects or mechanism.system.massless else {}
+        predictions = mechanism.predictions
         self.slopes = {c.signals[i]: c.signals[i + 1] for c in mechanism.free for i in (0, 1)}
         self.jumps = mechanism.jumps
         # Without memory a friction force jumps where a body stops, and the acceleration with it.
