@@ -78,7 +78,7 @@ def lowpass(values: np.ndarray, rate_hz: float, cutoff_hz: float, order: int = 4
     return sosfiltfilt(sections, values, axis=0)
 
 
-def decimate(values: np.ndarray, factor: int, keep_rate: bool = False) -> np.ndarray:
+def decimate(values: np.ndarray, factor: int) -> np.ndarray:
     """Low-pass without delay (Chebyshev, order 8, 0.8 of the new Nyquist rate) and keep every ``factor``-th sample.
 
     The operation is linear: applied to both sides of an equation of motion, it leaves the equation true. Applied to
@@ -87,7 +87,6 @@ def decimate(values: np.ndarray, factor: int, keep_rate: bool = False) -> np.nda
     Args:
         values: shape (n, ...), any unit.
         factor: 1 leaves the values as they are.
-        keep_rate: filter, but keep every sample.
 
     Returns:
         Array of shape (ceil(n / factor), ...).
@@ -100,8 +99,7 @@ def decimate(values: np.ndarray, factor: int, keep_rate: bool = False) -> np.nda
     # A Chebyshev filter of even order passes constants below unity: two passes would shrink every signal by 1.1 %.
     sections[0, :3] *= 10 ** (_RIPPLE_DB / 20)
     _check_length(values, 3 * (2 * len(sections) + 1))
-    filtered = sosfiltfilt(sections, values, axis=0)
-    return filtered if keep_rate else filtered[::factor]
+    return sosfiltfilt(sections, values, axis=0)[::factor]
 
 
 def differentiate(

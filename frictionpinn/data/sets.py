@@ -41,6 +41,9 @@ HELD_OUT: dict[str, tuple[str, ...]] = {
 UR10E_ROWS = {"50sec": (355, 5090), "30sec": (635, 3510), "40sec": (500, 4460), "ptp": (700, 4200),
               "unloaded": (300, 4700), "loaded": (300, 4700)}  # fmt: skip
 UR10E_GAINS = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)
+# Periods of a low-pass's cutoff from an end of a run in which it shows more than a thousandth of what that was padded
+# with: the slowest poles of a 4th-order Butterworth decay as exp(-2.4 f t).
+PADDED = 3.0
 
 
 def load_emps(
@@ -74,7 +77,7 @@ def load_emps(
 
 
 def load_multiarm_pendulum(
-    rate_hz: float = 200.0, cutoff_hz: float | None = 40.0, raw_cutoff_hz: float = 20.0, from_angle: bool = False
+    rate_hz: float = 200.0, cutoff_hz: float = 40.0, raw_cutoff_hz: float = 20.0, from_angle: bool = False
 ) -> Recording:
     """Load the free-swinging pendulum: trials "id_1" to "id_4", "vad_1", "vad_2" and "raw".
 
@@ -83,7 +86,8 @@ def load_multiarm_pendulum(
 
     Args:
         rate_hz: rate after decimation, Hz; recorded are 1 kHz (id, vad; smoothed by the authors) and 10 kHz (raw).
-        cutoff_hz: zero-phase low-pass of the authors' angular rate before it is differentiated, Hz.
+        cutoff_hz: zero-phase low-pass of the authors' angular rate before it is differentiated, and of all signals
+            before they are thinned, Hz.
         raw_cutoff_hz: the same for the raw angle, which the encoder quantises to 0.157 mrad, Hz.
         from_angle: take the rate from the authors' angle, at that cutoff, and not theirs, which comes 0.7 ms after it:
             a force balance at one instant sees a quarter of the viscous friction.
@@ -100,12 +104,13 @@ def load_multiarm_pendulum(
     times = [smoothed[f"Time_{kind}"][k, 0].ravel() for _, kind, k in names]
     states = np.concatenate([smoothed[f"Y_{kind}"][k, 0] for _, kind, k in names], axis=1)
     # Filtered as the one run that it is, so that no trial has the edges of a filter within the run.
-    t = np.concatenate(times)
+    t, cutoff = np.concatenate(times), raw_cutoff_hz if from_angle else cutoff_hz
     if from_angle:
-        _, omega, alpha = differentiate(t, states[0], raw_cutoff_hz)
+        _, omega, alpha = differentiate(t, states[0], cutoff)
     else:
-        omega, alpha, _ = differentiate(t, states[1], cutoff_hz)
-    run = thin(Trial("run", t, {"theta": states[0], "omega": omega, "alpha": alpha}, start=0.0), rate_hz, edge_s=0.02)
+        omega, alpha, _ = differentiate(t, states[1], cutoff)
+    whole = Trial("run", t, {"theta": states[0], "omega": omega, "alpha": alpha}, start=0.0)
+    run = _inside(thin(whole, rate_hz, cutoff), cutoff)
     trials = []
     for (name, _, _), own in zip(names, times, strict=True):
         first, end = np.searchsorted(run.t, own[0]), np.searchsorted(run.t, own[-1], side="right")
@@ -118,9 +123,16 @@ def _raw_pendulum(path: Path, rate_hz: float, cutoff_hz: float) -> Trial:
     angle = _loadmat(path)["Theta1"][0, 0]
     t, theta = angle["time"].ravel(), angle["signals"][0, 0]["values"].ravel().astype(float)
     trial = Trial("raw", t, {"theta": theta}, start=float(t[0]))  # later than the run by its clock
-    return prepare_trial(
-        trial, position="theta", derivatives=("omega", "alpha"), cutoff_hz=cutoff_hz, rate_hz=rate_hz, edge_s=0.1
-    )
+    made = prepare_trial(trial, position="theta", derivatives=("omega", "alpha"), cutoff_hz=cutoff_hz,
+                         rate_hz=rate_hz, thin_cutoff_hz=cutoff_hz, edge_s=0.0)  # fmt: skip
+    return _inside(made, cutoff_hz)
+
+
+def _inside(trial: Trial, cutoff_hz: float) -> Trial:
+    """A trial that was low-passed, without the ends where that shows."""
+    reach = PADDED / cutoff_hz
+    first, end = np.searchsorted(trial.t, [trial.t[0] + reach, trial.t[-1] - reach])
+    return trial.part(slice(first, end), trial.name)
 
 
 def load_brfd(dataset: int = 3, cutoff_hz: float = 50.0, rate_hz: float = 128.0) -> Recording:

@@ -11,6 +11,9 @@ from ..errors import UserError
 from ..physics import FrictionLaw
 from ..physics.scan import DECADES
 
+# Of what the scale of the data suggests: an identified parameter that is smaller is none, up to where a search stops.
+NEXT_TO_NONE = 1e-3
+
 
 def data_scales(trials: Sequence[ContactTrial]) -> dict[str, float]:
     """Robust scales of the training data: force, normal force, slip velocity, slip acceleration, friction ratio.
@@ -72,6 +75,13 @@ def default_start(law: FrictionLaw, scales: Mapping[str, float]) -> dict[str, fl
         "sigma_2": scales["viscous"],
     }
     return {par.name: float(table[par.name]) for par in law.parameters if par.value is None}
+
+
+def known_start(law: FrictionLaw, known: Mapping[str, float], scales: Mapping[str, float]) -> dict[str, float]:
+    """Of an identified model's values, SI units, those to start from: one that is next to none has no logarithm to tell
+    from where, nor bounds around it that hold anything else."""
+    usual = default_start(law, scales)
+    return {name: value for name, value in known.items() if value > NEXT_TO_NONE * usual.get(name, 0.0)}
 
 
 def _number(value: object, where: str) -> float:

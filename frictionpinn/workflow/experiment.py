@@ -15,7 +15,7 @@ from ..errors import UserError, choose
 from ..evaluate.characteristics import mobility
 from ..models import MODELS, FrictionModel, SeveralContacts, StateModel
 from ..models.segments import lengths
-from ..models.start import complete, data_scales
+from ..models.start import complete, data_scales, known_start
 from ..physics import LAWS, FrictionLaw, System
 from ..physics.base import contact_of, plain_name
 from ..physics.contacts import ContactLaws
@@ -175,9 +175,8 @@ def _map(cfg: Config, system: System, contact: str, train: Sequence[ContactTrial
     if cfg["system"].get("augmented"):
         from ..export.augmented import folded
 
-        saved = folded(cfg["system"]["augmented"])[1]
-        # One that was found to be zero has no logarithm to start from, and starts from the scale of the data.
-        wanted = {name: (saved.get(name) or None) if value is None else value for name, value in wanted.items()}
+        known = known_start(law, folded(cfg["system"]["augmented"])[1], scales)
+        wanted = {name: known.get(name) if value is None else value for name, value in wanted.items()}
     start, bounds = complete(law, wanted, tables["bounds"], scales)
     plain: dict[str, Any] = {
         "name": law.name,

@@ -16,7 +16,7 @@ from ..errors import UserError, choose
 from ..evaluate.picture import save_png
 from ..models import MODELS, JointNetworks, JointTrial
 from ..models.parameter_estimator import with_bristle
-from ..models.start import complete, data_scales, default_start
+from ..models.start import NEXT_TO_NONE, complete, data_scales, default_start
 from ..physics.base import at_contact
 from ..physics.mechanism import Mechanism
 from ..physics.robot_joint import RobotJoint
@@ -36,7 +36,6 @@ from .robot_bench import Bench, bench
 from .train import trained
 
 log = logging.getLogger(__name__)
-LEAST = 1e-3  # of what the data's scales suggest for a law's parameter: an identified 0 has no logarithm to train
 COULOMB_VISCOUS = "coulomb_viscous"
 
 
@@ -136,7 +135,7 @@ def _law(cfg: Config, solution: Solution, k: int, scales: Mapping[str, float]) -
     law, known = model.laws[k], {par.name for par in model.laws[k].parameters}
     bounds, fixed = ({n: v for n, v in mapping(friction, key, "friction").items() if n in known and v is not None}
                      for key in ("bounds", "fixed"))  # fmt: skip
-    given = {n: max(law_values(model, k)[n], LEAST * usual) for n, usual in default_start(law, scales).items()}
+    given = {n: max(law_values(model, k)[n], NEXT_TO_NONE * usual) for n, usual in default_start(law, scales).items()}
     begin, limits = complete(law, given, bounds, scales)
     return {"name": law.name, "start": begin, "bounds": {n: list(pair) for n, pair in limits.items()}, "fixed": fixed,
             "tie_sigma1": bool(friction.get("tie_sigma1", False))}  # fmt: skip

@@ -271,7 +271,17 @@ def test_the_pendulum_is_one_run_cut_in_six_and_a_raw_run_that_sticks():
     after = raw.t > 67
     assert np.ptp(raw.signals["theta"][after]) < 1e-3 < 0.1 < np.ptp(raw.signals["theta"])
     assert abs(raw.signals["theta"][after] - np.pi).max() < 2e-3
-    assert load_multiarm_pendulum(rate_hz=100.0).trials[0].t[:2].tolist() == pytest.approx([0.02, 0.03])
+    assert load_multiarm_pendulum(rate_hz=100.0).trials[0].t[:2].tolist() == pytest.approx([0.08, 0.09])
+
+
+@measured
+@pytest.mark.parametrize("from_angle", [True, False])
+def test_the_pendulum_obeys_its_equation_of_motion_up_to_the_ends_of_its_runs(from_angle):
+    *run, raw = load_multiarm_pendulum(from_angle=from_angle).trials  # the raw run sticks at its end
+    for trial, end in ((run[0], slice(0, 5)), (run[-1], slice(-5, None)), (raw, slice(0, 5))):
+        alpha, theta, omega = (trial.signals[name] for name in ("alpha", "theta", "omega"))
+        needed = 63.9 * np.sin(theta) - 0.15 * np.sign(omega)  # m g l / (J + m l^2), and dry friction
+        assert abs(alpha - needed)[end].max() < 0.05 * abs(alpha).max()
 
 
 @measured

@@ -60,12 +60,13 @@ def test_what_is_no_force_of_the_moment_is_refused_by_name(tmp_path, effect):
 
 
 def test_training_takes_a_saved_model_as_friction(tmp_path):
-    path = saved(tmp_path, {"asymmetry": {"asymmetry": 0.04}}, LAW | {"sigma_2": 0.0})  # none was found
+    path = saved(tmp_path, {"asymmetry": {"asymmetry": 0.04}}, LAW | {"sigma_2": 4e-10})  # next to none was found
     options = ["trainer.max_epochs=2", "trainer.threads=1", "data.rate_hz=100", "hydra.run.dir=run"]
     done = call("train.py", "model=pe1", f"friction={path.name}", *options, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     result = json.loads((tmp_path / "run" / "result.json").read_text())
     assert result["config"]["system"]["augmented"] == str(path)
     assert result["parameters"]["mu_s"]["start"] == pytest.approx(0.5)
+    assert result["parameters"]["sigma_2"]["start"] > 1e-3  # from the scale of the data
     refused = call("train.py", "model=pe1", f"friction={path.name}", "system=drive", cwd=tmp_path)
     assert refused.returncode == 2 and "friction model of another system" in refused.stderr
