@@ -9,8 +9,10 @@ measured state, mrad, on the run that is set aside and on the authors' own valid
 inertia is that of Coulomb + viscous friction, by maximum likelihood on the same training runs, and its rate is taken
 from the angle (the authors' own comes 0.7 ms late). Four candidates learn friction beside the effects that diagnose.py
 finds in the training runs, judged by the run that is set aside, as far as these are forces: they and the inertia are
-estimated with Coulomb + viscous friction on the same runs. Writes benchmarks/results/networks_measured.txt, in which
-sets that are not run keep what they have.
+estimated with Coulomb + viscous friction on the same runs. What one training makes of friction at low speeds, which
+these runs hardly tell, changes with any of them; two candidates are the mean of networks each trained without one run
+(bagging: Breiman, Machine Learning 24 (1996)). Writes benchmarks/results/networks_measured.txt, in which sets that are
+not run keep what they have.
 """
 
 from __future__ import annotations
@@ -56,6 +58,7 @@ VALIDATION: dict[str, tuple[str, ...]] = {
 MOTION = "model.loss.through=motion"
 GAPS = "model.state.gaps=true"
 BESIDE = "beside what a diagnosis finds"
+BAGGED = "mean of those without one run each"
 CANDIDATES: dict[str, list[tuple[str, ...]]] = {
     "brfd": [("model=bb1", "model.state.elements=1"), ("model=bb1", "model.state.elements=1", GAPS),
              ("model=bb1", "model.state.elements=2", GAPS), ("model=bb1", "model.state.elements=3", GAPS),
@@ -67,7 +70,9 @@ CANDIDATES: dict[str, list[tuple[str, ...]]] = {
                           ("model=pe1", MOTION), ("model=bb1", "model.state.elements=1", MOTION, BESIDE),
                           ("model=pe1", MOTION, BESIDE),
                           ("model=bb1", "model.state.elements=1", MOTION, "model.network.odd=false", BESIDE),
-                          ("model=pe1", MOTION, "model.network.odd=false", BESIDE)],
+                          ("model=pe1", MOTION, "model.network.odd=false", BESIDE),
+                          ("model=bb1", "model.state.elements=1", MOTION, BESIDE, BAGGED),
+                          ("model=pe1", MOTION, BESIDE, BAGGED)],
 }  # fmt: skip
 FROM_ANGLE = "+data.options.from_angle=true"
 ROLLOUT_S = 4.0
@@ -160,6 +165,23 @@ def saved(path: Path, content: dict[str, Any]) -> Path:
     return path
 
 
+class Mean:
+    """The mean force of several models' friction, each with states of its own."""
+
+    def __init__(self, models: Sequence[Any]):
+        self.parts = [model.friction() for model in models]
+        self.cuts = np.cumsum([part.states for part in self.parts])
+        self.states = int(self.cuts[-1])
+
+    def friction(self) -> Mean:
+        return self
+
+    def rates(self, v: float, N: float, z: np.ndarray) -> np.ndarray:
+        pairs = zip(self.parts, np.split(z, self.cuts[:-1]), strict=True)
+        rates = [part.rates(v, N, own) for part, own in pairs]
+        return np.concatenate([[np.mean([own[0] for own in rates])], *(own[1:] for own in rates)])
+
+
 class PlainPendulum:
     """Coulomb + viscous friction as the friction of a model, sharp at rest to a hundredth of a radian per second."""
 
@@ -180,6 +202,26 @@ def diagnosed(name: str) -> str:
     return found[1] if found else "not known: run benchmarks/diagnose_measured.py"
 
 
+def fitted(
+    name: str, options: Sequence[str], runs: Sequence[str], content: dict[str, Any], epochs: int, folder: Path
+) -> tuple[System, Any, Any, float]:
+    """System, model, data and processor seconds of a candidate that is trained on these runs, beside the effects of a
+    model (:func:`found_model`) if it is to be."""
+    given = [option for option in options if option not in (BESIDE, BAGGED)]
+    folder.mkdir()
+    if BESIDE in options:
+        path = saved(folder / "beside.yaml", estimated(content, runs))
+        given += [FROM_ANGLE, f"+system.augmented={path}"]
+    elif name == "multiarm_pendulum":
+        given += [FROM_ANGLE, f"system.parameters.J={plain_pendulum(runs)['J']}"]
+    others = [run for run in (*FIT[name], *HELD_OUT[name]) if run not in runs]
+    without = [[run] for run in runs] if BAGGED in options else [[]]
+    made = [trained(name, given, others + own, epochs, folder / str(k)) for k, own in enumerate(without)]
+    system, model, data, _ = made[0]
+    model = model if len(made) == 1 else Mean([own for _, own, *_ in made])
+    return system, model, data, sum(seconds for *_, seconds in made)
+
+
 def scored(name: str, epochs: int) -> list[str]:
     """Every candidate on the validation runs, the best one on the held-out runs."""
     pendulum, aside = name == "multiarm_pendulum", list(VALIDATION[name])
@@ -188,28 +230,16 @@ def scored(name: str, epochs: int) -> list[str]:
     unit, lines, found = "mrad" if pendulum else "%", list[str](), list[float]()
     with tempfile.TemporaryDirectory() as folder:
         model_found = found_model(aside[0], [*aside[1:], *held_out], Path(folder)) if pendulum else {"effects": {}}
-
-        def fitted(options: Sequence[str], runs: Sequence[str], place: str):
-            """A candidate trained on these runs; its system, model, data and processor seconds."""
-            given = [option for option in options if option != BESIDE]
-            if BESIDE in options:
-                path = saved(Path(folder) / f"{place}.yaml", estimated(model_found, runs))
-                given += [FROM_ANGLE, f"+system.augmented={path}"]
-            elif pendulum:
-                given += [FROM_ANGLE, f"system.parameters.J={plain_pendulum(runs)['J']}"]
-            others = [run for run in (*FIT[name], *HELD_OUT[name]) if run not in runs]
-            return trained(name, given, others, epochs, Path(folder) / place)
-
         for place, options in enumerate(CANDIDATES[name]):
             runs = [run for run in FIT[name] if run not in aside]
-            system, model, data, seconds = fitted(options, runs, str(place))
+            system, model, data, seconds = fitted(name, options, runs, model_found, epochs, Path(folder) / str(place))
             judged = [data.by_name[key] for key in aside] or data.select("train")
             found.append(score(model, system, judged))
             on = f"validation runs ({', '.join(aside)})" if aside else "training run"
             lines.append(f"  {' '.join(options):<66} {found[-1]:8.2f} {unit} on the {on}, {seconds:.0f} s")
             print(lines[-1], flush=True)
         best = CANDIDATES[name][int(np.argmin(found))]
-        system, model, data, _ = fitted(best, FIT[name], "best")
+        system, model, data, _ = fitted(name, best, FIT[name], model_found, epochs, Path(folder) / "best")
         trials = [data.by_name[key] for key in held_out]
         lines.append(f"  chosen: {' '.join(best)}; held out {score(model, system, trials):.2f} {unit}")
         if pendulum:
