@@ -44,6 +44,7 @@ UR10E_GAINS = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)
 # Periods of a low-pass's cutoff from an end of a run in which it shows more than a thousandth of what that was padded
 # with: the slowest poles of a 4th-order Butterworth decay as exp(-2.4 f t).
 PADDED = 3.0
+LEAST_CUTOFF_HZ = 2.0  # of the pendulum, whose swings of 1.2 Hz must pass
 
 
 def load_emps(
@@ -98,6 +99,10 @@ def load_multiarm_pendulum(
     Raises:
         UserError: the files cannot be had (see :func:`frictionpinn.data.public.fetch`).
     """
+    for name, value in (("cutoff_hz", cutoff_hz), ("raw_cutoff_hz", raw_cutoff_hz)):
+        if not (isinstance(value, int | float) and value >= LEAST_CUTOFF_HZ):
+            raise UserError("impossible low-pass", where=f"multiarm_pendulum {name}", received=repr(value),
+                            allowed=f"a number of Hz from {LEAST_CUTOFF_HZ:g}, below half the rate")  # fmt: skip
     files = fetch("multiarm_pendulum", ["estimation", "raw"])
     smoothed = _loadmat(files["estimation"])
     names = [(f"{kind}_{k + 1}", kind, k) for kind in ("id", "vad") for k in range(len(smoothed[f"Time_{kind}"]))]

@@ -274,6 +274,12 @@ def test_the_pendulum_is_one_run_cut_in_six_and_a_raw_run_that_sticks():
     assert load_multiarm_pendulum(rate_hz=100.0).trials[0].t[:2].tolist() == pytest.approx([0.08, 0.09])
 
 
+@pytest.mark.parametrize("cutoff_hz", [None, "abc", 0.0, 0.1, float("nan")])
+def test_a_low_pass_that_takes_the_swings_away_is_refused(cutoff_hz):
+    with pytest.raises(UserError, match=r"impossible low-pass: multiarm_pendulum cutoff_hz is .*; allowed: a number"):
+        load_multiarm_pendulum(cutoff_hz=cutoff_hz)
+
+
 @measured
 @pytest.mark.parametrize("from_angle", [True, False])
 def test_the_pendulum_obeys_its_equation_of_motion_up_to_the_ends_of_its_runs(from_angle):
