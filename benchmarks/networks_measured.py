@@ -10,7 +10,7 @@ inertia is that of Coulomb + viscous friction, by maximum likelihood on the same
 from the angle (the authors' own comes 0.7 ms late). Four candidates learn friction beside the effects that diagnose.py
 finds in the training runs, judged by the run that is set aside, as far as these are forces: they and the inertia are
 estimated with Coulomb + viscous friction on the same runs. What one training makes of friction at low speeds, which
-these runs hardly tell, changes with any of them; two candidates are the mean of networks each trained without one run
+these runs hardly tell, changes with any of them; two more are the mean of such networks each trained without one run
 (bagging: Breiman, Machine Learning 24 (1996)). Writes benchmarks/results/networks_measured.txt, in which sets that are
 not run keep what they have.
 """
