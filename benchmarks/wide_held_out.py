@@ -15,30 +15,22 @@ import argparse
 import json
 
 import numpy as np
-import sympy as sp
 from wide import RESULTS
 from wide_draw import Case, draw
 from wide_report import FLOOR
 
 from frictionpinn.data.recording import Trial
-from frictionpinn.diagnose.errors import frictions
-from frictionpinn.numerics.along import signal_symbols
 from frictionpinn.numerics.excess import rms
+from frictionpinn.numerics.torch_functions import contact_signals
 from frictionpinn.physics import SYSTEMS
 
 
 def drawn_noise(case: Case, name: str) -> float:
     """Root mean square of the noise in the held-out trials: of a signal, or of the friction force they imply."""
     system = SYSTEMS[case.system](**case.parameters)
-    signals, forces = signal_symbols(system), {n: force for n, (_, force) in frictions(system).items()}
-    wanted = forces.get(name, signals.get(name))
-    wanted = wanted.subs({par.symbol: system.values[par.name] for par in system.parameters})
-    needs = sorted(wanted.free_symbols, key=str)
-    names = {symbol: n for n, symbol in signals.items()}
-    value = sp.lambdify(needs, wanted, "numpy")
 
     def along(trial: Trial) -> np.ndarray:
-        return value(*(trial.signals[names[symbol]] for symbol in needs))
+        return trial.signals[name] if name in trial.signals else contact_signals(system, trial.signals)[name]
 
     noisy, clean = (whole.select(case.held_out).trials for whole in (case.recording, case.clean))
     return rms([along(a) - along(b) for a, b in zip(noisy, clean, strict=True)])

@@ -97,7 +97,8 @@ def load_multiarm_pendulum(
         Signals theta (rad, from upright: it hangs at pi), omega (rad/s), alpha (rad/s^2).
 
     Raises:
-        UserError: the files cannot be had (see :func:`frictionpinn.data.public.fetch`).
+        UserError: the files cannot be had (see :func:`frictionpinn.data.public.fetch`); a cutoff that is no number or
+            takes the swings away.
     """
     for name, value in (("cutoff_hz", cutoff_hz), ("raw_cutoff_hz", raw_cutoff_hz)):
         if not (isinstance(value, int | float) and value >= LEAST_CUTOFF_HZ):
