@@ -1,4 +1,4 @@
-"""Step sizes and weights of experiment=memory by the loss on a validation swing.
+"""Step sizes, weights and start of experiment=memory by the loss on a validation swing.
 
     python benchmarks/networks_choice.py [--models pe2 bb2] [--seeds 4] [--fresh]
 
@@ -34,8 +34,9 @@ from frictionpinn.workflow.train import train
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "networks_choice.txt"
 WEIGHTS = {"pe2": (1, 10, 100, 1000), "bb2": (100, 1000, 10000)}
-STEPS = {"pe2": ["optimizer.lr_physical=2e-2"], "bb2": ["optimizer.lr=3e-3", "optimizer.lr_physical=2e-2"]}
-CANDIDATES = {name: [f"model.loss.weight={w}" for w in own] + STEPS[name] for name, own in WEIGHTS.items()}
+OTHERS = {"pe2": ["optimizer.lr_physical=2e-2"],
+          "bb2": ["optimizer.lr=3e-3", "optimizer.lr_physical=2e-2", "model.state.start=reach"]}  # fmt: skip
+CANDIDATES = {name: [f"model.loss.weight={w}" for w in own] + OTHERS[name] for name, own in WEIGHTS.items()}
 RECORDINGS = {"as declared": (), "undeclared drag": ("data.effects={drag: {drag: 1.0}}",)}  # N s^2/m^2
 
 

@@ -18,6 +18,7 @@ from ..physics import LAWS
 from ..physics.beforehand import EXCESS, SPREADS, STRIBECK
 from .base import Batch, FrictionModel
 from .beside_law import beside_law, met_at
+from .black_box_start import start_black_box
 from .elements import StateFriction
 from .input_errors import of_training
 from .knots import KNOTS, LOADS, cells, knots_of, read
@@ -38,13 +39,13 @@ class StateModel(FrictionModel):
 
     A black box has ``elements`` such bristles, s_k = gap_k + N T_k(v, N), kappa_k T_k(v, N) and r(v, N) from a
     network with positive outputs: kappa_k T_k, the share of the load at which a bristle slides, is what a motion
-    tells best, so the stiffness is free to move under it. Through the motion a weight (``loss.weight``, else
-    ``state.weight``) keeps small how T and r depend on the load. No closed cycle of motion gives energy
-    (:mod:`..numerics.state_recursions`). A parameter estimator has the law's one bristle: kappa = sigma_0, c =
-    sigma_1, n = 1, no gap, N T = capacity / sigma_0 times exp(network), a departure from the law that this weight
-    keeps small, and r = sigma_2. The network is read at the knots of a table, which recursion, simulation and
-    export share. Static friction and Stribeck velocity are weakly held to what is known of them beforehand
-    (:mod:`..physics.beforehand`) where a training through the motion estimates them.
+    tells best, so the stiffness is free to move under it. Through the motion it begins as LuGre's law
+    (:mod:`.black_box_start`), and a weight (``loss.weight``, else ``state.weight``) keeps small how T and r depend on
+    the load. No closed cycle of motion gives energy (:mod:`..numerics.state_recursions`). A parameter estimator has
+    the law's one bristle: kappa = sigma_0, c = sigma_1, n = 1, no gap, N T = capacity / sigma_0 times exp(network), a
+    departure from the law that this weight keeps small, and r = sigma_2. The network is read at the knots of a table,
+    which recursion, simulation and export share. Static friction and Stribeck velocity are weakly held to what is known
+    of them beforehand (:mod:`..physics.beforehand`) where a training through the motion estimates them.
 
     Trained through the ``balance`` the slip velocity is the measured one, and the force is compared with that of the
     equation of motion. Trained through the ``motion`` it moves, v' = a_frictionless - mobility F, and velocity and
@@ -57,10 +58,10 @@ class StateModel(FrictionModel):
     one while the contact slides; one that does not follows the measured velocity.
 
     Args:
-        state: ``elements``, ``gaps`` (whether a bristle has play), ``delay`` (whether the measured force comes early
-            by a time that is estimated too), ``weight`` (where ``loss`` has none), ``lengths`` (samples of every
-            segment, by training trial, see :func:`segments`), ``input_shape`` and ``input_ends``
-            (:func:`..data.input_noise.input_noise`).
+        state: ``elements``, ``gaps`` (whether a bristle has play), ``start`` (of a black box,
+            :data:`.black_box_start.STARTS`), ``delay`` (whether the measured force comes early by a time that is
+            estimated too), ``weight`` (where ``loss`` has none), ``lengths`` (samples of every segment, by training
+            trial, see :func:`segments`), ``input_shape`` and ``input_ends`` (:func:`..data.input_noise.input_noise`).
         law: of a parameter estimator, see :class:`.parameter_estimator.ParameterEstimator`.
         scales: beside :func:`.start.data_scales` mobility, load_low, load_high, fastest, step and those of input_noise.
         others: see :class:`.base.FrictionModel`.
@@ -71,6 +72,7 @@ class StateModel(FrictionModel):
     eyes: Tensor
     carried: Tensor
     departs: Tensor
+    begins: Tensor
     own = ("law_parameters.", "stiffness", "damping", "gap", "sharp")
 
     def __init__(self, *, state: dict[str, Any], law: dict[str, Any] | None = None, **common: Any):
@@ -116,10 +118,11 @@ class StateModel(FrictionModel):
         if options.get("gaps"):
             self.gap = nn.Parameter(torch.log(0.5 * reach))
         load = 0.5 * (scales["load_low"] + scales["load_high"])
-        self.dry = float(np.log(scales["force"] / K / load))
+        dry, viscous = np.log(scales["force"] / K / load), np.log(scales["viscous"])
+        # log of kappa_k T_k and r at the knots, to which the network adds.
+        self.register_buffer("begins", torch.tensor([dry] * K + [viscous]).repeat(len(self.knots), 1))
         mass = 1 / scales["mobility"] if scales["mobility"] else 0.0
         self.damping = nn.Parameter(torch.log(torch.sqrt(torch.exp(self.stiffness.detach()) * mass).clamp_min(1e-9)))
-        self.viscous = float(np.log(scales["viscous"]))
 
     # the map -------------------------------------------------------------------------------------------------
     def tables(self) -> tuple[Tensor, Tensor, Tensor]:
@@ -136,8 +139,9 @@ class StateModel(FrictionModel):
             r = p.get("sigma_2", zero) * torch.ones_like(T)
             one = [p["sigma_0"], p.get("sigma_1", zero), zero, zero + 1.0]
             return torch.stack([T, r]).reshape(2, *shape), torch.stack(one)[:, None], told
-        T = torch.exp(told[:, : self.K] + self.dry - self.stiffness)
-        r = torch.exp(told[:, self.K] + self.viscous)
+        shares = told + self.begins
+        T = torch.exp(shares[:, : self.K] - self.stiffness)
+        r = torch.exp(shares[:, self.K])
         gap = torch.exp(self.gap) if hasattr(self, "gap") else torch.zeros_like(self.stiffness)
         n = 1 + nn.functional.softplus(self.sharp)
         rows = torch.stack([torch.exp(self.stiffness), torch.exp(self.damping), gap, n]).double()
@@ -207,38 +211,19 @@ class StateModel(FrictionModel):
         return arrays | {"x": np.concatenate([arrays["v"], arrays["N"]], axis=1)}
 
     def fit_scales(self, batch: Batch) -> None:
-        """The knots are scaled by construction; a black box starts from the reach that fits best, a parameter
-        estimator that is trained through the motion as :func:`.state_start.find_start` says."""
-        if self.law_parameters is not None:
-            v, N = (batch[name][:, 0].double() for name in ("v", "N"))
-            self.met.copy_(met_at(cells(self.grid, v, N), N**2, (KNOTS, LOADS)))
-            if self.through == "motion" and self.law_parameters.raw:
-                find_start(self, batch)
-            return
-        own = {name: value.detach().clone() for name, value in self._reaching().items()}
-        best, least = 1.0, np.inf
-        for factor in 4.0 ** np.arange(-3, 6):
-            self._reach(own, factor)
-            miss = self.loss_now(batch)
-            best, least = (factor, miss) if miss < least else (best, least)
-        self._reach(own, best)
+        """The knots are scaled by construction; a black box starts as :mod:`.black_box_start` says, a parameter
+        estimator that is trained through the motion as :mod:`.state_start`."""
+        if self.law_parameters is None:
+            return start_black_box(self, batch)
+        v, N = (batch[name][:, 0].double() for name in ("v", "N"))
+        self.met.copy_(met_at(cells(self.grid, v, N), N**2, (KNOTS, LOADS)))
+        if self.through == "motion" and self.law_parameters.raw:
+            find_start(self, batch)
 
     @torch.no_grad()
     def loss_now(self, batch: Batch) -> float:
         """Loss as it is now."""
         return float(self.losses(batch)["loss"])
-
-    def _reaching(self) -> dict[str, nn.Parameter]:
-        """What depends on how far a bristle bends."""
-        found = {"stiffness": self.stiffness, "damping": self.damping}
-        return found | ({"gap": self.gap} if hasattr(self, "gap") else {})
-
-    @torch.no_grad()
-    def _reach(self, own: dict[str, Tensor], factor: float) -> None:
-        """Bristles that bend so much further than ``own`` under the same force."""
-        power = {"gap": 1.0, "stiffness": -1.0, "damping": -0.5}
-        for name, value in self._reaching().items():
-            value.copy_(own[name] + power[name] * np.log(factor))
 
     def losses(self, batch: Batch, outputs: tuple[Tensor, ...] | None = None) -> dict[str, Tensor]:
         own = sum(self.lengths) == len(batch["v"])

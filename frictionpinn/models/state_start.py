@@ -13,6 +13,8 @@ stiffness and damping it has few while friction rises towards rest over a wide r
    Where that is no likelier than the law alone (by the same ratio) the network stays at rest in the training, too: it
    would learn noise, and what it learns viscous friction lacks.
 
+A black box starts from steps 1 to 4 (:mod:`.black_box_start`).
+
 L-BFGS (Nocedal and Wright, Numerical Optimization, 7.2) over the law in coordinates in which its curvature is one, or
 it takes hundreds of iterations along the ridge.
 """
@@ -54,6 +56,12 @@ Point = dict[str, float]
 
 def find_start(model: StateModel, batch: Batch) -> None:
     """Leave the law's parameters and the inputs' errors of ``model`` where its training on ``batch`` starts."""
+    alone = fit_law(model, batch)
+    model.departs.fill_(float(has_something_to_add(model, batch, alone)))
+
+
+def fit_law(model: StateModel, batch: Batch) -> float:
+    """Leave the law alone where it and the inputs' errors fit the motion best; the loss there."""
     law = model.law_parameters
     assert law is not None
     model.carried.fill_(0.0)
@@ -82,7 +90,7 @@ def find_start(model: StateModel, batch: Batch) -> None:
         model.carried.fill_(0.0)
         _restore(model, best)
         whole = _fit(model, batch, UNKNOWN, TO_THE_END)
-    model.departs.fill_(float(has_something_to_add(model, batch, whole)))
+    return whole
 
 
 def has_something_to_add(model: StateModel, batch: Batch, alone: float) -> bool:

@@ -14,6 +14,7 @@ from ..data.split import split_trials
 from ..errors import UserError, choose
 from ..evaluate.characteristics import mobility
 from ..models import MODELS, FrictionModel, SeveralContacts, StateModel
+from ..models.black_box_start import STARTS
 from ..models.segments import lengths
 from ..models.start import complete, data_scales, known_start
 from ..physics import LAWS, FrictionLaw, System
@@ -150,6 +151,7 @@ def _state(
     if isinstance(elements, bool) or not isinstance(elements, int) or elements < 1:
         raise UserError("impossible number of bristles", where="model.state.elements", received=repr(elements),
                         allowed="a whole number from 1")  # fmt: skip
+    choose(options.get("start", "law"), STARTS, "model.state.start")
     load = np.concatenate([np.abs(trial.offline["normal_force"]) for trial in train])
     noise = dict(noise or UNTOLD)
     shape, ends = noise.pop("input_shape"), noise.pop("input_ends")

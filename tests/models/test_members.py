@@ -57,6 +57,7 @@ def test_every_member_takes_the_steps_that_it_would_take_alone(make, batch, name
 @pytest.mark.parametrize("name", ["bb2", "pe1", "pe2"])
 def test_every_member_with_memory_takes_the_steps_that_it_would_take_alone(make, batch, name, monkeypatch):
     monkeypatch.setattr("frictionpinn.models.state.find_start", lambda model, batch: None)
+    monkeypatch.setattr("frictionpinn.models.black_box_start.start_as_law", lambda model, batch: None)
     alone = members(make, name, optimizer="adam_onecycle", memory="state")
     data, together = batch(alone[0]), ensemble_of(copy.deepcopy(alone))
     start = copy.deepcopy(alone[1].state_dict())

@@ -23,6 +23,7 @@ def started(make):
 def stateful(started, monkeypatch):
     """The same without the search for a start, which takes seconds."""
     monkeypatch.setattr("frictionpinn.models.state.find_start", lambda model, batch: None)
+    monkeypatch.setattr("frictionpinn.models.black_box_start.start_as_law", lambda model, batch: None)
     return started
 
 
@@ -204,6 +205,33 @@ def test_stiffness_and_damping_are_trained_with_the_step_size_of_physical_parame
 def test_an_impossible_number_of_bristles_is_told(stateful, elements):
     with pytest.raises(UserError, match=r"model.state.elements"):
         stateful("bb2", state={"elements": elements})
+
+
+def test_a_start_of_a_black_box_that_there_is_not_is_refused(stateful):
+    with pytest.raises(UserError, match=r"model.state.start"):
+        stateful("bb2", state={"start": "lugre"})
+
+
+def test_a_black_box_starts_where_a_law_makes_the_motion_as_likely_as_its_noise_allows(started, batch):
+    told, flat = (started("bb2", state={"elements": 1, "start": start}) for start in ("law", "reach"))
+    data = batch(told)  # the searches again, from where they ended
+    assert told.loss_now(data) < 2.2 < flat.loss_now(data)  # a mean square over the noise for each of slip and force
+    v, N = np.array([0.0, 5e-4, 0.1, 0.4]), np.full(4, 15.0)
+    friction = told.friction()
+    share = friction.elements[0, 0] * np.array([friction.reach(*pair)[0] for pair in zip(v, N, strict=True)]) / N
+    assert share[2:] == pytest.approx(0.3, rel=0.02) and 0.35 < share[0] < 1.2
+    assert told.physical() == {}  # and names nothing
+
+
+def test_bristles_side_by_side_start_as_the_one_that_is_known(stateful):
+    from frictionpinn.models.black_box_start import begin_as
+
+    known = stateful("pe2").friction()
+    model = stateful("bb2", state={"elements": 3, "gaps": False, "delay": False})
+    begin_as(model, known)
+    v, N = np.array([-0.4, 0.01, 0.1, 0.5]), np.array([8.0, 14.0, 14.0, 20.0])
+    np.testing.assert_allclose(model.friction().steady(v, N), known.steady(v, N), rtol=2e-3)
+    np.testing.assert_allclose(model.friction().elements[:2].sum(axis=1), known.elements[:2, 0], rtol=1e-4)
 
 
 def test_a_start_far_off_is_left_for_one_where_the_law_fits_the_motion(started):
