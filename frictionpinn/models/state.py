@@ -194,14 +194,17 @@ class StateModel(FrictionModel):
         """Columns of one trial, shape (n, 1): v, N, A, h, start, target, what is measured, rate of the whole force."""
         table, raw = getattr(trial, source), trial.seen if source == "offline" else trial.felt
         start = np.zeros(len(trial.t))
-        if source == "offline" and self.through == "motion":
+        simulated = source == "offline" and self.through == "motion"
+        if simulated:
             start[segments(trial, self.scales["slip_noise"])] = SEGMENT
         start[0] = TRIAL
         load = np.abs(table["normal_force"])
         A = table["a_frictionless"]
+        # The recursion takes it as linear between samples; so the velocity that it gives is that of a smooth curve.
+        curved = A - np.pad(np.diff(A, 2), 1, mode="edge") / 12 if simulated else A
         force = A / self.scales["mobility"] if self.scales["mobility"] else np.zeros_like(A)
         columns = {
-            "v": table["v_slip"], "N": load, "A": A, "h": np.append(np.diff(trial.t), 0.0), "start": start,
+            "v": table["v_slip"], "N": load, "A": curved, "h": np.append(np.diff(trial.t), 0.0), "start": start,
             "target": trial.offline["friction_force"] if source == "offline" else table["friction_force"],
             "seen_v": raw.get("v_slip", table["v_slip"]),
             "seen_F": raw.get("friction_force", table["friction_force"]),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -182,6 +184,19 @@ def test_a_rounded_stop_does_not_count_as_noise_of_the_force(data):
     told = input_noise(data.recording, SYSTEMS["pob"](), KalmanSmoother(), train)
     noise = np.concatenate([t.seen["friction_force"] - t.truth["friction_force"] for t in train])
     assert told["force_noise"] == pytest.approx(np.sqrt(np.mean(noise**2)), rel=0.05)
+
+
+def test_a_smooth_acceleration_gives_the_velocity_of_a_smooth_curve(stateful, data):
+    trial = data.select("train")[0]
+    w = 2 * np.pi / (10 * float(trial.t[1] - trial.t[0]))  # ten samples a period
+    swung = replace(trial, offline={**trial.offline, "a_frictionless": np.cos(w * trial.t)})
+    model, n = stateful("bb2"), len(trial.t) - 1
+    missed = {}
+    for source, table in {"smoothed": model.arrays(swung, "offline")["A"][:, 0], "raw": np.cos(w * trial.t)}.items():
+        velocity = np.cumsum(0.5 * (table[1:] + table[:-1]) * np.diff(trial.t))
+        wanted = (np.sin(w * trial.t) - np.sin(w * trial.t[0])) / w
+        missed[source] = np.abs(velocity - wanted[1:])[5 : n - 5].max()
+    assert missed["smoothed"] < 0.2 * missed["raw"]
 
 
 def test_a_stiffer_bristle_slides_under_the_same_force(stateful):
