@@ -310,7 +310,7 @@ def test_friction_that_departs_from_proportion_to_the_load_costs_a_black_box(sta
     with torch.no_grad():
         model.network[-1].weight.add_(0.1)  # type: ignore[operator]
     told = model.tables()[2].detach().numpy().reshape(81, 3, -1)
-    wanted = 1000.0 * np.mean((told - told.mean(axis=1, keepdims=True)) ** 2)
+    wanted = 10000.0 * np.mean((told - told.mean(axis=1, keepdims=True)) ** 2)
     assert float(model.losses(data)["consistency"].detach()) == pytest.approx(wanted, rel=1e-4) and wanted > 0
 
 
