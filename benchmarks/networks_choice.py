@@ -51,7 +51,7 @@ def judged(name: str, changes: Sequence[str], seed: int, folder: Path, split: st
         cfg: Any = OmegaConf.to_container(compose("train", overrides=options), resolve=True)
     train(cfg, folder)
     cfg, system, model = load_run(folder)
-    arrays = [model.arrays(trial, "offline") for trial in build_data(cfg, system).select("validation")]
+    arrays = [model.arrays(trial, "offline") for trial in build_data(cfg, system).select(split)]
     batch = {key: torch.from_numpy(np.concatenate([array[key] for array in arrays])) for key in arrays[0]}
     with torch.no_grad():
         parts = model.losses(batch)

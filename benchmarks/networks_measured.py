@@ -1,6 +1,6 @@
 """Networks with memory on three measured mechanisms: chosen on training and validation runs, held-out runs scored once.
 
-    FRICTIONPINN_DATA=... python benchmarks/networks_measured.py [--sets brfd emps multiarm_pendulum] [--epochs 600]
+    FRICTIONPINN_DATA=... python benchmarks/networks_measured.py [--sets brfd emps multiarm_pendulum] [--epochs 1500]
 
 Every candidate is trained without the validation runs and scored on them; the best is trained on all training runs and
 scored on the held-out ones, beside Coulomb + viscous friction. The damper's and the drive's score: what the measured
@@ -257,7 +257,7 @@ def scored(name: str, epochs: int) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sets", nargs="*", default=list(SYSTEM), choices=list(SYSTEM))
-    parser.add_argument("--epochs", type=int, default=600)
+    parser.add_argument("--epochs", type=int, default=1500)
     options = parser.parse_args()
     first = f"experiment=memory, {options.epochs} steps; chosen without the held-out runs, which are scored once"
     known = (

@@ -1,6 +1,6 @@
 """Why a network with memory alone is off on the measured pendulum's raw tail: its loss beside that of known friction.
 
-    FRICTIONPINN_DATA=... python benchmarks/networks_pendulum.py [--epochs 600]
+    FRICTIONPINN_DATA=... python benchmarks/networks_pendulum.py [--epochs 1500]
 
 A black box with one bristle is trained through the motion on the training runs. Then maximum likelihood over
 windows of 4 s on the same runs gives Coulomb + drag and viscous + drag friction; each stands in the network's place
@@ -60,7 +60,7 @@ def stands_in(model: Any, p: dict[str, float]) -> Any:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--epochs", type=int, default=600)
+    parser.add_argument("--epochs", type=int, default=1500)
     epochs = parser.parse_args().epochs
     torch.set_num_threads(1)
     options = ["model=bb1", "model.state.elements=1", MOTION, FROM_ANGLE,
