@@ -9,9 +9,9 @@ velocity over half swings. Beside it free runs of 4 s from the measured state, o
 alone, of the authors' validation runs and of the raw tail. Last some viscous friction instead of Coulomb friction, by
 maximum likelihood on the training runs: what these hardly tell apart, and the validation runs do, decides on the raw
 tail, which swings far less.
-Then what networks_measured.py chose, and one training of the same, with more or less of the ends of the runs left out,
-where a low-pass shows what they were padded with: friction at low speeds, which these runs hardly tell, comes out
-another one each time, and the mean of trainings without one run each varies less.
+Then the two kinds that networks_measured.py finds best, the mean of trainings without one run each and one training
+alone, with more or less of the ends of the runs left out, where a low-pass shows what they were padded with: friction
+at low speeds, which these runs hardly tell, comes out another one each time.
 Writes benchmarks/results/networks_pendulum.txt.
 """
 
@@ -44,6 +44,7 @@ RESULT = ROOT / "benchmarks" / "results" / "networks_pendulum.txt"
 NAME = "multiarm_pendulum"
 ALONE = {"id_4": ["id_4"], "vad 1, 2": ["vad_1", "vad_2"], "raw tail": ["raw"]}
 VISCOUS = (2e-5, 5e-5, 1e-4)  # N m s/rad
+KINDS = {"bb1": ["model=bb1", "model.state.elements=1"], "pe1": ["model=pe1"]}
 ENDS = (2.0, 3.0, 4.0, 6.0)  # periods of the cutoff that are left out
 
 
@@ -56,6 +57,26 @@ def stands_in(model: Any, p: dict[str, float]) -> Any:
         rows,
         0 * told,
     )
+
+
+def without_ends(name: str, kind: list[str], epochs: int) -> list[str]:
+    """Validation runs and raw tail by what is left out of the runs' ends: one training, and the mean of four."""
+    lines = [f"{name} through the motion {BESIDE}, trained on all training runs",
+             f"{'':24}{'one training':>22}  {'mean of four':>22}",
+             f"{'ends left out, periods':24}" + (2 * f"{'vad 1, 2':>12}{'raw tail':>10}  ").rstrip()]  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        content = found_model("id_4", ["vad_1", "vad_2", "raw"], Path(folder))
+        for ends in ENDS:
+            sets.PADDED, row = ends, f"{ends:<24g}"
+            for way in ((), (BAGGED,)):
+                place = Path(folder) / f"{ends:g} {len(way)}"
+                system, model, data, _ = fitted(NAME, [*kind, MOTION, BESIDE, *way], FIT[NAME], content, epochs, place)
+                check, tail = (rollout_error(model, system, [data.by_name[run] for run in ALONE[own]])
+                               for own in ("vad 1, 2", "raw tail"))  # fmt: skip
+                row += f"{check:12.2f}{tail:10.2f}  "
+            lines.append(row.rstrip())
+            print(lines[-1], flush=True)
+    return lines
 
 
 def main() -> None:
@@ -88,21 +109,8 @@ def main() -> None:
         tables = stands_in(model, plain_pendulum(FIT[NAME], free, ("drag",), **fixed))
         model.tables = lambda tables=tables: tables
         add(title)
-    lines += ["", f"pe1 through the motion {BESIDE}, trained on all training runs",
-              f"{'':24}{'one training':>22}  {'mean of four':>22}",
-              f"{'ends left out, periods':24}" + (2 * f"{'vad 1, 2':>12}{'raw tail':>10}  ").rstrip()]  # fmt: skip
-    with tempfile.TemporaryDirectory() as folder:
-        content = found_model("id_4", ["vad_1", "vad_2", "raw"], Path(folder))
-        for ends in ENDS:
-            sets.PADDED, row = ends, f"{ends:<24g}"
-            for way in ((), (BAGGED,)):
-                place, options = Path(folder) / f"{ends:g} {len(way)}", ["model=pe1", MOTION, BESIDE, *way]
-                system, model, data, _ = fitted(NAME, options, FIT[NAME], content, epochs, place)
-                check, tail = (rollout_error(model, system, [data.by_name[run] for run in ALONE[own]])
-                               for own in ("vad 1, 2", "raw tail"))  # fmt: skip
-                row += f"{check:12.2f}{tail:10.2f}  "
-            lines.append(row.rstrip())
-            print(lines[-1], flush=True)
+    for name, kind in KINDS.items():
+        lines += ["", *without_ends(name, kind, epochs)]
     RESULT.write_text("\n".join(lines) + "\n")
 
 
