@@ -40,6 +40,7 @@ def input_noise(recording: Recording, system: System, smoother: Smoother, trials
         ``input_error``: root mean square error of a_frictionless far from a trial's ends, ``input_ends``: near them as
         multiples of it (:func:`ends`); ``start_error``: of v_slip, ``first_error``: at first samples; ``slip_noise``,
         ``force_noise``: of v_slip and friction_force as measured; where nothing was smoothed 0, of v_slip ``CLEAN``.
+        Where no measured motion is among what moves the contact ``input_error`` is 0.
         ``input_shape``, ``input_step``: see :func:`shape`.
     """
     off = {
@@ -64,10 +65,13 @@ def input_noise(recording: Recording, system: System, smoother: Smoother, trials
         seen = contact_signals(system, signals)
         wrong.append([seen[name] - trial.offline[name] for name in ("a_frictionless", "v_slip")])
     errors, slips = zip(*wrong, strict=True)
+    first = _rms(np.array([slip[0] for slip in slips]))
+    found |= {"start_error": _rms(np.concatenate(slips)), "first_error": first}
+    if not np.concatenate(errors).any():  # a drive's force, which is no motion, is all that moves it
+        return UNTOLD | found
     profile, size = ends(errors)
     kernel, every = shape([error[len(profile) : len(error) - len(profile)] for error in errors])
-    first = _rms(np.array([slip[0] for slip in slips]))
-    found |= {"input_error": size, "start_error": _rms(np.concatenate(slips)), "first_error": first}
+    found["input_error"] = size
     step = every * float(np.median(np.diff(trials[0].t)))
     return found | {"input_shape": kernel.tolist(), "input_step": step, "input_ends": profile.tolist()}
 

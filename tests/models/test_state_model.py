@@ -136,6 +136,19 @@ def test_errors_of_the_inputs_have_the_size_that_smoothing_leaves():
     assert errors.squares().item() == 0.0
 
 
+def test_a_contact_that_a_known_force_moves_has_no_error_of_its_input():
+    from frictionpinn.workflow.build import build_system
+    from frictionpinn.workflow.experiment import build_data, build_model
+    from frictionpinn.workflow.options import composed
+
+    options = ["experiment=memory", "model=bb2", "system=drive", "data.rate_hz=100", "data.training_trials=2"]
+    cfg = composed("train", options)
+    system = build_system(cfg["system"])
+    model = build_model(cfg, system, build_data(cfg, system))
+    assert model.through == "motion" and model.errors is None
+    assert model.scales["input_error"] == 0.0 < model.scales["start_error"]
+
+
 def test_errors_of_an_acceleration_whose_position_is_measured_keep_their_lack_of_a_slow_part():
     from frictionpinn.data.input_noise import shape
 
