@@ -2,9 +2,9 @@
 
 Through the balance they start from the reach that fits best, with the same friction at every velocity. Through the
 motion that leads into a wrong minimum: friction that rises towards rest within few samples comes out low and wide,
-though the motion tells the true rise better (by 250 in -2 log likelihood on the pendulum on a box). There LuGre's law
-is fitted to the same motion first (:func:`.state_start.fit_law`); the network begins at its friction and departs from
-there as it likes, unlike that of a parameter estimator.
+though the motion tells another rise better (by 300 in -2 log likelihood on the pendulum on a box,
+benchmarks/networks_choice.py). There LuGre's law is fitted to the same motion first (:func:`.state_start.fit_law`); the
+network begins at its friction and departs from there as it likes, unlike that of a parameter estimator.
 """
 
 from __future__ import annotations
