@@ -59,18 +59,19 @@ def stands_in(model: Any, p: dict[str, float]) -> Any:
     )
 
 
-def without_ends(name: str, kind: list[str], epochs: int) -> list[str]:
-    """Validation runs and raw tail by what is left out of the runs' ends: one training, and the mean of four."""
+def without_ends(name: str, content: dict[str, Any], epochs: int) -> list[str]:
+    """Validation runs and raw tail by what is left out of the runs' ends: one training beside a diagnosed model's
+    effects, and the mean of four."""
     lines = [f"{name} through the motion {BESIDE}, trained on all training runs",
              f"{'':24}{'one training':>22}  {'mean of four':>22}",
              f"{'ends left out, periods':24}" + (2 * f"{'vad 1, 2':>12}{'raw tail':>10}  ").rstrip()]  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
-        content = found_model("id_4", ["vad_1", "vad_2", "raw"], Path(folder))
         for ends in ENDS:
             sets.PADDED, row = ends, f"{ends:<24g}"
             for way in ((), (BAGGED,)):
                 place = Path(folder) / f"{ends:g} {len(way)}"
-                system, model, data, _ = fitted(NAME, [*kind, MOTION, BESIDE, *way], FIT[NAME], content, epochs, place)
+                options = [*KINDS[name], MOTION, BESIDE, *way]
+                system, model, data, _ = fitted(NAME, options, FIT[NAME], content, epochs, place)
                 check, tail = (rollout_error(model, system, [data.by_name[run] for run in ALONE[own]])
                                for own in ("vad 1, 2", "raw tail"))  # fmt: skip
                 row += f"{check:12.2f}{tail:10.2f}  "
@@ -109,8 +110,10 @@ def main() -> None:
         tables = stands_in(model, plain_pendulum(FIT[NAME], free, ("drag",), **fixed))
         model.tables = lambda tables=tables: tables
         add(title)
-    for name, kind in KINDS.items():
-        lines += ["", *without_ends(name, kind, epochs)]
+    with tempfile.TemporaryDirectory() as folder:
+        content = found_model("id_4", ["vad_1", "vad_2", "raw"], Path(folder))
+    for name in KINDS:
+        lines += ["", *without_ends(name, content, epochs)]
     RESULT.write_text("\n".join(lines) + "\n")
 
 
