@@ -29,7 +29,8 @@ def simulate_in_motion(
         system: gives the equations of motion.
         friction: of a trained model, see :class:`InMotion` and :class:`StateFriction`.
         path: driven coordinates and inputs.
-        y0: initial position and velocity by signal name; at rest at 0 where not given.
+        y0: initial position and velocity by signal name; at rest at 0 where not given. Bristles begin as steady sliding
+            leaves them, at rest unbent.
 
     Raises:
         ContactLost: the normal force reaches zero.
@@ -52,7 +53,8 @@ def simulate_in_motion(
         return [*moves[m : 2 * m], *a, *bristles], (v_slip, normal, force)
 
     start = [float(y0.get(c.signals[k], 0.0)) for k in (0, 1) for c in mechanism.free]
-    start += [0.0] * friction.states
+    v_slip, normal = (float(value) for value in contact(*start, *path.samples[0].tolist(), *values)[:2])
+    start += friction.settled(v_slip, normal).tolist()
     y, told = odeint(
         lambda time, y: rates(time, y)[0], start, t, tfirst=True, rtol=RTOL, full_output=True, mxstep=MOST,
         atol=[*[ATOL] * (2 * m), *[ATOL_BRISTLE] * friction.states], hmax=LONGEST * float(np.median(np.diff(t))),

@@ -96,6 +96,11 @@ class InMotion:
         """Force and bristle rate at one instant, shape (2,), of the state z, shape (1,)."""
         return np.concatenate(self(np.array([v]), np.array([N]), z))
 
+    def settled(self, v: float, N: float) -> np.ndarray:
+        """State in steady sliding, shape (1,), at which its rate is 0: that is linear in it."""
+        rate, other = (self.rates(v, N, np.array([z]))[1] for z in (0.0, 1.0))
+        return np.array([rate / (rate - other) if rate else 0.0])
+
     def checkpoint(self) -> dict[str, Any]:
         """Plain tensors and values, for :meth:`restore`."""
         return {"values": self.values, "weights": self.weights}
