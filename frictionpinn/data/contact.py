@@ -11,7 +11,7 @@ import numpy as np
 
 from ..numerics.placing import placed
 from ..numerics.smoothing import Signal, Smoother
-from ..numerics.torch_functions import balance_slopes, contact_signals
+from ..numerics.torch_functions import balance_slopes, contact_signals, motion_feedback
 from ..physics import System
 from ..physics.base import at_contact, contact_of, place_of, plain_name
 from .recording import Recording, Trial
@@ -37,6 +37,8 @@ class ContactTrial:
         filtered: the same, filtered causally.
         seen, felt: v_slip, friction_force as ``offline`` and ``online`` have them, but with the velocities and
             accelerations of the free coordinates as measured, their noise kept: what a simulation is compared with.
+        feedback: slopes of a_frictionless in slip position and slip velocity along the smoothed motion, shape (n, 2),
+            see :func:`motion_feedback`; None of several contacts.
         contacts: names of the contacts with friction; one without a name where the system has no other.
         slopes: J along the smoothed motion, shape (n, equations, contacts), see :func:`balance_slopes`; of several.
     """
@@ -54,6 +56,7 @@ class ContactTrial:
     slopes: np.ndarray | None = None
     seen: dict[str, np.ndarray] = field(default_factory=dict)
     felt: dict[str, np.ndarray] = field(default_factory=dict)
+    feedback: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -114,6 +117,8 @@ def contact_trials(
         made = replace(made, seen=seen, felt=felt)
         if several:
             made = replace(made, contacts=own, slopes=balance_slopes(system, two_sided, own))
+        else:
+            made = replace(made, feedback=motion_feedback(system, two_sided))
         trials.append(made)
     return trials
 

@@ -22,7 +22,7 @@ FINER, REACH = 4, 16  # points of the errors' shape in the time over which they 
 
 # Of a contact that follows the measured motion: nothing is simulated, and compared over its noise.
 UNTOLD: dict = {"slip_noise": 0.0, "force_noise": 0.0, "input_error": 0.0, "start_error": 0.0, "first_error": 0.0,
-                "input_shape": [], "input_step": 0.0, "input_ends": []}  # fmt: skip
+                "start_time": 0.0, "input_shape": [], "input_step": 0.0, "input_ends": []}  # fmt: skip
 
 
 def input_noise(recording: Recording, system: System, smoother: Smoother, trials: Sequence[ContactTrial]) -> dict:
@@ -38,22 +38,25 @@ def input_noise(recording: Recording, system: System, smoother: Smoother, trials
 
     Returns:
         ``input_error``: root mean square error of a_frictionless far from a trial's ends, ``input_ends``: near them as
-        multiples of it (:func:`ends`); ``start_error``: of v_slip, ``first_error``: at first samples; ``slip_noise``,
-        ``force_noise``: of v_slip and friction_force as measured; where nothing was smoothed 0, of v_slip ``CLEAN``.
-        Where no measured motion is among what moves the contact ``input_error`` is 0.
+        multiples of it (:func:`ends`); ``start_error``: of v_slip, ``first_error``: at first samples; ``start_time``:
+        that of the slip position over that of v_slip, s, as in the motion; 0 where a_frictionless does not depend on
+        it; ``slip_noise``, ``force_noise``: of v_slip and friction_force as measured; where nothing was smoothed 0, of
+        v_slip and its starts ``CLEAN``. Where no measured motion is among what moves the contact ``input_error`` is 0.
         ``input_shape``, ``input_step``: see :func:`shape`.
     """
     off = {
         name: np.concatenate([trial.seen[name] - trial.offline[name] for trial in trials]) for name in trials[0].seen
     }
-    found: dict = {"slip_noise": _size(off["v_slip"]), "force_noise": _size(off["friction_force"])}
+    speed, rate = (_rms(np.concatenate([trial.offline[name] for trial in trials])) for name in ("v_slip", "a_slip"))
+    pulled = any(trial.feedback is not None and trial.feedback[:, 0].any() for trial in trials)
+    found: dict = {"slip_noise": _size(off["v_slip"]), "force_noise": _size(off["friction_force"]),
+                   "start_time": speed / rate if pulled else 0.0}  # fmt: skip
     rng, again = np.random.default_rng(SEED), []
     names = [name for c in system.moving for name in c.signals if name in trials[0].measured]
     sigmas = {name: _size(np.concatenate([t.measured[name] - t.smoothed[name] for t in trials])) for name in names}
     if not any(sigmas.values()):
-        speed = np.concatenate([trial.offline["v_slip"] for trial in trials])
-        found["slip_noise"] = CLEAN * _rms(speed)
-        return UNTOLD | found
+        clean = CLEAN * speed
+        return UNTOLD | found | {"slip_noise": clean, "start_error": clean, "first_error": clean}
     own = [recording.select([trial.name]).trials[0] for trial in trials]
     for _ in range(DRAWS):
         for trial, recorded in zip(trials, own, strict=True):

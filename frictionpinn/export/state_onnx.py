@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from .. import __version__
 from ..models import StateModel
+from ..numerics.state_function import Drive
 from ..numerics.state_recursions import forward
 from .extras import require
 from .histories import made_up_signals
@@ -73,7 +74,8 @@ class StateStep(nn.Module):
         share = torch.where(short, torch.full_like(X, 0.5), (1 - mean) / (1 - E).clamp(min=1e-6))
         s = gap + (N + more * share) * T
         X, E, mean = self.settling(w.abs() * d / s * self.power(z.abs() / s, n - 1))
-        return z * E + w * d * mean
+        after, end = z * E + w * d * mean, w.sign() * s
+        return torch.where(((after - end) * (z - end) < 0) & (n != 1), end, after)
 
     @staticmethod
     def settling(X: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -169,9 +171,8 @@ def _instants(portable: PortableState, model: StateModel) -> tuple[dict[str, np.
     path, z0 = np.empty((n * portable.steps, 1 + numbers.states)), np.zeros((1, numbers.states))
     moving = portable.mobility > 0
     rest = (numbers.elements, portable.gain, portable.mobility, portable.steps, moving, path)
-    force, slip, states, _ = forward(
-        v, N, A, h, np.arange(n) == 0, gate, z0, np.zeros(1), numbers.tables, numbers.grid, *rest
-    )
+    along = Drive(v, N, h, np.eye(n)[0], gate, portable.mobility, portable.steps).along(A)
+    force, slip, states, _ = forward(along, z0, np.zeros((1, 2)), numbers.tables, numbers.grid, *rest)
     state = np.column_stack([slip, states]) if moving else states
     feed = {name: np.column_stack([seen[name][:-1], seen[name][1:]]) for name in portable.signals}
     feed |= {"dt": h[1:, None], "state": state[:-1]}

@@ -1,4 +1,4 @@
-"""Where a training through the motion cuts the trials, and whether there is a motion to train through."""
+"""What a training through the motion takes of the trials: where it cuts them, and whether there is a motion at all."""
 
 from __future__ import annotations
 
@@ -21,6 +21,11 @@ def segments(trial: ContactTrial, noise: float) -> np.ndarray:
     speed = np.abs(trial.offline["v_slip"])
     peaks, _ = find_peaks(speed, height=2 * GATE * noise, prominence=2 * GATE * noise)
     return np.array([0, *peaks])
+
+
+def curved(x: np.ndarray) -> np.ndarray:
+    """Samples that have, joined by straight lines, the integral of a smooth curve through x."""
+    return x - np.pad(np.diff(x, 2), 1, mode="edge") / 12
 
 
 def lengths(trials: Sequence[ContactTrial], noise: float) -> list[list[int]]:

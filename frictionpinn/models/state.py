@@ -4,6 +4,7 @@ dissipative; trained along the measured motion or through the motion that it mak
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from .input_errors import of_training
 from .knots import KNOTS, LOADS, cells, knots_of, read
 from .network import perceptron
 from .parameters import LawParameters
-from .segments import GATE, SEGMENT, TRIAL, segments, through
+from .segments import GATE, SEGMENT, TRIAL, curved, segments, through
 from .state_start import find_start
 
 STEPS = 4  # of the recursion per sample: slip velocity to 1e-4 m/s on the pendulum on a box at 400 Hz
@@ -49,8 +50,9 @@ class StateModel(FrictionModel):
 
     Trained through the ``balance`` the slip velocity is the measured one, and the force is compared with that of the
     equation of motion. Trained through the ``motion`` it moves, v' = a_frictionless - mobility F, and velocity and
-    force are compared with the measured ones over their noise. A trial is cut where it slides fastest, and each segment
-    starts anew from what was measured: a stop that is simulated wrongly spoils one segment. A parameter estimator
+    force are compared with the measured ones over their noise. Where it leaves the measured motion, a_frictionless
+    follows (:attr:`..physics.System.feedback`). A trial is cut where it slides fastest, and each segment starts anew
+    from what was measured: a stop that is simulated wrongly spoils one segment. A parameter estimator
     carries on from segment to segment where its law explains whole trials (:mod:`.state_start`): what a segment forgets
     tells of viscous friction. The errors of the smoothed a_frictionless and of the velocities at the starts are
     estimated beside the weights (:mod:`.input_errors`), as maximum likelihood treats them. Online a model that sees
@@ -162,7 +164,7 @@ class StateModel(FrictionModel):
         else:
             follow, gate = v, torch.zeros_like(v)
         off = torch.zeros_like(A)
-        start_off = torch.zeros(int(first.sum()), dtype=torch.float64, device=A.device)
+        start_off = torch.zeros((int(first.sum()), 2), dtype=torch.float64, device=A.device)
         if known and self.errors is not None:
             off = self.errors.along()
             A = A + off
@@ -174,6 +176,9 @@ class StateModel(FrictionModel):
         mobility = self.scales["mobility"] if moving else 0.0
         v_, N_, h_, anew_, gate_ = (np.ascontiguousarray(x) for x in arrays)
         drive = Drive(v_, N_, h_, anew_, gate_, mobility, STEPS)
+        if known and moving:
+            u, *back = (batch[name][:, 0].double().cpu().numpy() for name in ("u", "pull", "drag"))
+            drive = replace(drive, u=np.ascontiguousarray(u), slopes=np.stack(back, axis=1))
         share = torch.as_tensor(gain, dtype=torch.float64)
         force, slip, states = Recursion.apply(z0, tables, elements, share, A, start_off, self.grid, drive)
         return {"force": force, "slip": slip, "z": states, "off": off, "told": told}
@@ -199,16 +204,16 @@ class StateModel(FrictionModel):
             start[segments(trial, self.scales["slip_noise"])] = SEGMENT
         start[0] = TRIAL
         load = np.abs(table["normal_force"])
-        A = table["a_frictionless"]
-        # The recursion takes it as linear between samples; so the velocity that it gives is that of a smooth curve.
-        curved = A - np.pad(np.diff(A, 2), 1, mode="edge") / 12 if simulated else A
+        A, u = table["a_frictionless"], table["v_slip"]
+        back = trial.feedback if simulated and trial.feedback is not None else np.zeros((len(trial.t), 2))
         force = A / self.scales["mobility"] if self.scales["mobility"] else np.zeros_like(A)
         columns = {
-            "v": table["v_slip"], "N": load, "A": curved, "h": np.append(np.diff(trial.t), 0.0), "start": start,
+            "v": table["v_slip"], "N": load, "A": curved(A) if simulated else A,
+            "h": np.append(np.diff(trial.t), 0.0), "start": start,
             "target": trial.offline["friction_force"] if source == "offline" else table["friction_force"],
             "seen_v": raw.get("v_slip", table["v_slip"]),
             "seen_F": raw.get("friction_force", table["friction_force"]),
-            "whole_rate": np.gradient(force, trial.t),
+            "whole_rate": np.gradient(force, trial.t), "u": curved(u), "pull": back[:, 0], "drag": back[:, 1],
         }  # fmt: skip
         arrays = {name: np.ascontiguousarray(x, dtype=np.float32)[:, None] for name, x in columns.items()}
         return arrays | {"x": np.concatenate([arrays["v"], arrays["N"]], axis=1)}

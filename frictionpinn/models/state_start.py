@@ -86,6 +86,7 @@ def fit_law(model: StateModel, batch: Batch) -> float:
         model.carried.fill_(share)
         whole = _fit(model, batch, UNKNOWN, TO_THE_END)
     joints = int((batch["start"] == SEGMENT).sum())
+    joints *= 1 if model.errors is None or model.errors.places is None else 2  # velocity and position begin anew
     if joints and len(batch["start"]) * (whole - apart) > chi2.isf(DIFFER, joints):
         model.carried.fill_(0.0)
         _restore(model, best)

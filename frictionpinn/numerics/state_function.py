@@ -23,6 +23,8 @@ class Drive:
         gate: share of the correction, 0 to 1.
         mobility: slip acceleration per force; 0: the slip velocity is imposed.
         steps: per sample.
+        u, slopes: slip velocity of the motion along which the slip acceleration without friction is given, and slopes
+            of that in slip position and slip velocity, shape (n, 2), where the motion acts back on it.
     """
 
     v: np.ndarray
@@ -32,10 +34,18 @@ class Drive:
     gate: np.ndarray
     mobility: float
     steps: int
+    u: np.ndarray | None = None
+    slopes: np.ndarray | None = None
+
+    def along(self, A: np.ndarray) -> tuple[np.ndarray, ...]:
+        """What forward and backward take of it at every sample."""
+        u = self.v if self.u is None else self.u
+        slopes = np.zeros((len(self.v), 2)) if self.slopes is None else self.slopes
+        return self.v, self.N, A, self.h, self.start, self.gate, u, slopes
 
 
 class Recursion(torch.autograd.Function):
-    """(z0, tables, elements, gain, A: slip acceleration without friction, off: of the slip velocity at the starts) ->
+    """(z0, tables, elements, gain, A: slip acceleration without friction, off: of velocity and position at starts) ->
     force, slip velocity (n,), states (n, K); float64. It runs on the CPU; its result lies where A does."""
 
     @staticmethod
@@ -46,10 +56,9 @@ class Recursion(torch.autograd.Function):
             np.ascontiguousarray(value.detach().cpu().numpy(), dtype=float) for value in (z0, tables, elements, A, off)
         ]
         share, moving = float(gain), drive.mobility > 0
-        path = np.empty((len(drive.v) * drive.steps, 1 + known[0].shape[1]))
+        path = np.empty((len(drive.v) * drive.steps, 2 + known[0].shape[1]))
         rest = (grid, known[2], share, drive.mobility, drive.steps, moving, path)
-        along = (drive.v, drive.N, known[3], drive.h, drive.start, drive.gate)
-        force, slip, states, reached = forward(*along, known[0], known[4], known[1], *rest)
+        force, slip, states, reached = forward(drive.along(known[3]), known[0], known[4], known[1], *rest)
         ctx.kept = drive, known, rest, (slip, states, reached)
         ctx.like = [(value.dtype, value.device) for value in (z0, tables, elements, gain, A, off)]
         told = tuple(torch.from_numpy(value).to(A.device) for value in (force, slip, states))
@@ -60,9 +69,8 @@ class Recursion(torch.autograd.Function):
     def backward(ctx, *bars):
         drive, (z0, tables, elements, A, _), (grid, *_, share, mobility, steps, moving, path), told = ctx.kept
         f_bar, v_bar = (np.ascontiguousarray(bar.cpu().numpy()) for bar in bars[:2])
-        along = (drive.v, drive.N, A, drive.h, drive.start, drive.gate)
         rest = (grid, elements, share, mobility, steps, moving, path)
-        found = backward(f_bar, v_bar, *along, z0, tables, *rest, told)
+        found = backward(f_bar, v_bar, drive.along(A), z0, tables, *rest, told)
         slopes = [
             torch.as_tensor(value, dtype=t, device=device) for value, (t, device) in zip(found, ctx.like, strict=True)
         ]

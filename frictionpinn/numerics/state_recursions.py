@@ -13,9 +13,12 @@ bristle takes, |damp| <= kappa_k |dead| (|z_k| / s_k)^n_k while z_k' w < 0: no c
     F w = d/dt sum_k kappa_k max(|z_k| - gap_k, 0)^2 / 2
           + sum_k (kappa_k |dead| |w| (|z_k| / s_k)^n_k + damp w)  +  w^2 r.
 
-z is stepped exactly where n = 1, at a held w; with (|z|/s)^(n-1) held over a step otherwise. Either the slip velocity
-is imposed, or it moves: w' = A - mobility F, corrected at every sample towards the measured one by the share
-``gain * gate``, and begun anew at a start, wholly or by a share.
+z is stepped exactly where n = 1, at a held w; with (|z|/s)^(n-1) held over a step otherwise, but no further than to
+sgn(w) s, where it settles. Either the slip velocity is imposed, or it moves: w' = A - mobility F, corrected at every sample
+towards the measured one by the share ``gain * gate``, and begun anew at a start, wholly or by a share. A is that along
+a measured motion of slip velocity u. Where the motion acts back on it (a pendulum's gravity, a drag), A + pull q +
+drag (w - u) takes its place: q with q' = w - u is how far the contact has left that motion, pull and drag are the
+slopes of A in slip position and slip velocity.
 """
 
 from __future__ import annotations
@@ -71,35 +74,37 @@ def power(b, n):
 
 
 @_compiled
-def forward(v, N, A, h, start, gate, z0, off, tables, grid, elements, gain, mobility, steps, moving, path):
+def forward(along, z0, off, tables, grid, elements, gain, mobility, steps, moving, path):
     """Force, slip velocity (before it is corrected) and states at every sample.
 
     Leapfrog: half a step of the states, steps of slip velocity (midpoint rule) and states in turn, half a step.
 
     Args:
-        v, N, A, h, start, gate: at every sample, shape (n,): slip velocity to follow, load, slip acceleration without
-            friction, time to the next sample, share by which slip velocity and states start anew (1 where a trial
-            begins, 0 where nothing starts), share of the correction.
-        z0, off: states at the starts, shape (trials, K); what is added to the slip velocity there, shape (trials,).
+        along: at every sample, shape (n,): slip velocity to follow, load, slip acceleration without friction, time to
+            the next sample, share by which slip velocity and states start anew (1 where a trial begins, 0 where nothing
+            starts), share of the correction, slip velocity u; pull and drag, shape (n, 2).
+        z0, off: states at the starts, shape (trials, K); what is added to slip velocity and q there, shape (trials, 2).
         tables: T_1 .. T_K and r, shape (K + 1, velocities, loads).
         grid: see :func:`place`.
         elements: rows kappa, c, gap, n, shape (4, K).
         steps: per sample.
         moving: whether the slip velocity moves.
-        path: shape (n steps, K + 1), filled with slip velocity and states at every step, for :func:`backward`.
+        path: shape (n steps, K + 2), filled with slip velocity, states and q at every step, for :func:`backward`.
 
     Returns:
         force (n,), slip velocity (n,), states (n, K), slip velocity with which every start is reached (trials,).
     """
+    v, N, A, h, start, gate, u, slopes = along
     n, K = len(v), z0.shape[1]
     force, slip, states, reached = np.zeros(n), np.zeros(n), np.zeros((n, K)), np.zeros(len(z0))
-    z, w, trial = np.zeros(K), 0.0, -1
+    z, w, q, trial = np.zeros(K), 0.0, 0.0, -1
     for k in range(n):
         if start[k] > 0.0:
             trial += 1
             reached[trial] = w
+            q = (1.0 - start[k]) * q + off[trial, 1]
             z[:] = (1.0 - start[k]) * z + start[k] * z0[trial]
-            w = (1.0 - start[k]) * w + start[k] * v[k] + off[trial]
+            w = (1.0 - start[k]) * w + start[k] * v[k] + off[trial, 0]
         if not moving:
             w = v[k]
         force[k], slip[k], states[k] = force_of(w, N[k], z, tables, grid, elements), w, z
@@ -112,12 +117,16 @@ def forward(v, N, A, h, start, gate, z0, off, tables, grid, elements, gain, mobi
         stretch(w, N[k], more / 2, z, tables, grid, elements, d / 2)
         for m in range(steps):
             path[k * steps + m, 0] = w
-            path[k * steps + m, 1:] = z
+            path[k * steps + m, 1:-1] = z
+            path[k * steps + m, -1] = q
             share, after = (m + 0.5) / steps, (m + 1.0) / steps
             if moving:
-                load, ahead = N[k] + (m + 0.5) * more, A[k] + share * (A[k + 1] - A[k])
-                middle = w + d / 2 * (ahead - mobility * force_of(w, load, z, tables, grid, elements))
-                w += d * (ahead - mobility * force_of(middle, load, z, tables, grid, elements))
+                load, (ahead, aside, pull, drag) = N[k] + (m + 0.5) * more, frictionless(A, u, slopes, k, share)
+                free = ahead + pull * q + drag * w
+                middle = w + d / 2 * (free - mobility * force_of(w, load, z, tables, grid, elements))
+                free = ahead + pull * (q + d / 2 * (w - aside)) + drag * middle
+                w += d * (free - mobility * force_of(middle, load, z, tables, grid, elements))
+                q += d * (middle - aside)
             else:
                 w = v[k] + after * (v[k + 1] - v[k])
             part = 1.0 if m + 1 < steps else 0.5
@@ -152,7 +161,14 @@ def stretch(w, N, more, z, tables, grid, elements, d):
         if n != 1.0:
             X *= power(abs(z[e]) / s, n - 1.0)
         E = np.exp(-X)
-        z[e] = z[e] * E + w * d * ((1 - E) / X if X > SMALL else 1 - X / 2)
+        after, end = z[e] * E + w * d * ((1 - E) / X if X > SMALL else 1 - X / 2), np.sign(w) * s
+        z[e] = end if overshoots(z[e], after, end, n) else after
+
+
+@_compiled
+def overshoots(before, after, end, n):
+    """Whether a state goes beyond the one in which it settles: it would, by far, in a step many times its reach."""
+    return n != 1.0 and (after - end) * (before - end) < 0.0
 
 
 @_compiled
@@ -177,19 +193,30 @@ def stretch_back(w, N, more, z, tables, grid, elements, d, z_bar, tables_bar, el
         E = np.exp(-X)
         P = (1 - E) / X if X > SMALL else 1 - X / 2
         bend = (E - P) / X if X > SMALL else -0.5 + X / 3
-        g = z_bar[e]
-        own = g * (w * d * bend - z[e] * E) * X  # in ln X
-        w_bar += g * d * P + (own / w if w != 0.0 else 0.0)
-        z_bar[e] = g * E
-        if b > 0.0:
-            elements_bar[3, e] += own * np.log(b)
-            z_bar[e] += own * (n - 1.0) / z[e]
-        s_bar = -own * n / s
+        g, end = z_bar[e], np.sign(w) * s
+        if overshoots(z[e], z[e] * E + w * d * P, end, n):
+            z_bar[e], s_bar = 0.0, np.sign(w) * g
+        else:
+            own = g * (w * d * bend - z[e] * E) * X  # in ln X
+            w_bar += g * d * P + (own / w if w != 0.0 else 0.0)
+            z_bar[e] = g * E
+            if b > 0.0:
+                elements_bar[3, e] += own * np.log(b)
+                z_bar[e] += own * (n - 1.0) / z[e]
+            s_bar = -own * n / s
         elements_bar[2, e] += s_bar
         spread(tables_bar[e], i, x, j, y, s_bar * load)
         if inside:
             w_bar += s_bar * load * along * slope
     return w_bar
+
+
+@_compiled
+def frictionless(A, u, slopes, k, share):
+    """A - drag u, u, pull and drag at a share of the way to the next sample."""
+    now, then = slopes[k], slopes[k + 1]
+    aside, drag = u[k] + share * (u[k + 1] - u[k]), now[1] + share * (then[1] - now[1])
+    return A[k] + share * (A[k + 1] - A[k]) - drag * aside, aside, now[0] + share * (then[0] - now[0]), drag
 
 
 @_compiled
@@ -282,43 +309,46 @@ def force_back(f, w, N, z, tables, grid, elements, z_bar, tables_bar, elements_b
 
 
 @_compiled
-def backward(
-    f_bar, v_bar, v, N, A, h, start, gate, z0, tables, grid, elements, gain, mobility, steps, moving, path, told
-):
+def backward(f_bar, v_bar, along, z0, tables, grid, elements, gain, mobility, steps, moving, path, told):
     """Gradients of a scalar in z0, tables, elements, gain, A and off, from those in force and slip velocity, (n,).
 
     Others: as :func:`forward` took them; told: slip velocity, states and velocities reached, as it gave them.
     """
+    v, N, A, h, start, gate, u, slopes = along
     slip, states, reached = told
     n, K = len(v), z0.shape[1]
     z0_bar, tables_bar = np.zeros_like(z0), np.zeros_like(tables)
     elements_bar, gain_bar, A_bar = np.zeros_like(elements), 0.0, np.zeros(n)
-    off_bar = np.zeros(len(z0))
-    z_bar, w_bar, trial = np.zeros(K), 0.0, len(z0) - 1
+    off_bar = np.zeros((len(z0), 2))
+    z_bar, w_bar, q_bar, trial = np.zeros(K), 0.0, 0.0, len(z0) - 1
     z = np.zeros(K)
     for k in range(n - 1, -1, -1):
         last = k + 1 == n or start[k + 1] == 1.0
         if last:
             z_bar[:] = 0.0
-            w_bar = 0.0
+            w_bar = q_bar = 0.0
         else:
             d = h[k] / steps
             w, more = reached[trial + 1] if start[k + 1] > 0.0 else slip[k + 1], (N[k + 1] - N[k]) / steps
             for m in range(steps - 1, -1, -1):
                 row, share = k * steps + m, (m + 0.5) / steps
-                z[:] = path[row, 1:]
+                z[:] = path[row, 1:-1]
                 load, part = N[k] + (m + 0.5) * more, 1.0 if m + 1 < steps else 0.5
                 grads = (z_bar, tables_bar, elements_bar)
                 w_bar += stretch_back(w, load, part * more, z, tables, grid, elements, part * d, *grads)
                 w = path[row, 0]
                 if moving:
-                    ahead = A[k] + share * (A[k + 1] - A[k])
+                    ahead, _, pull, drag = frictionless(A, u, slopes, k, share)
                     known = (load, z, tables, grid, elements)
-                    middle = w + d / 2 * (ahead - mobility * force_of(w, *known))
-                    own = force_back(-d * mobility * w_bar, middle, *known, *grads)
+                    free = ahead + pull * path[row, -1] + drag * w
+                    middle = w + d / 2 * (free - mobility * force_of(w, *known))
+                    own = force_back(-d * mobility * w_bar, middle, *known, *grads) + d * (drag * w_bar + q_bar)
+                    half = d * pull * w_bar  # in q at the middle
                     A_bar[k] += (1 - share) * d * (w_bar + own / 2)
                     A_bar[k + 1] += share * d * (w_bar + own / 2)
-                    w_bar += own + force_back(-d / 2 * mobility * own, w, *known, *grads)
+                    q_bar += half + d / 2 * pull * own
+                    first = force_back(-d / 2 * mobility * own, w, *known, *grads)
+                    w_bar += own + d / 2 * (drag * own + half) + first
             z[:] = states[k]
             w_bar += stretch_back(w, N[k], more / 2, z, tables, grid, elements, d / 2, z_bar, tables_bar, elements_bar)
             if moving:
@@ -327,8 +357,9 @@ def backward(
         own = force_back(f_bar[k], slip[k], N[k], states[k], tables, grid, elements, z_bar, tables_bar, elements_bar)
         w_bar = w_bar + own + v_bar[k] if moving else 0.0
         if start[k] > 0.0:
-            z0_bar[trial], off_bar[trial] = start[k] * z_bar, w_bar
+            z0_bar[trial], off_bar[trial, 0], off_bar[trial, 1] = start[k] * z_bar, w_bar, q_bar
             z_bar *= 1.0 - start[k]
             w_bar *= 1.0 - start[k]
+            q_bar *= 1.0 - start[k]
             trial -= 1
     return z0_bar, tables_bar, elements_bar, gain_bar, A_bar, off_bar

@@ -41,17 +41,45 @@ def numpy_function(arguments: Sequence[sp.Symbol], expression: sp.Expr | Sequenc
 CONTACT_SIGNALS = ("v_slip", "normal_force", "a_slip", "a_frictionless", "friction_force")
 
 
-@lru_cache(maxsize=32)
-def _contact_function(
-    kind: Callable[..., System], equations: str, driven: tuple[str, ...], contacts: tuple[str, ...]
+@lru_cache(maxsize=96)
+def _along_motion(
+    of: Callable[..., Sequence[sp.Expr]],
+    kind: Callable[..., System],
+    equations: str,
+    driven: tuple[str, ...],
+    contacts: tuple[str, ...],
 ) -> tuple[Callable, tuple[str, ...]]:
     system = kind(equations=equations, driven=driven)
     symbols = [symbol for c in system.moving for symbol in c.symbols] + [item.symbol for item in system.inputs]
     names = [name for c in system.moving for name in c.signals] + [item.name for item in system.inputs]
-    views, implied = [system.at(name) for name in contacts], forces_implied(system, contacts)
-    expressions = [e for at in views for e in (at.v_slip, at.N, at.a_slip, at.a_frictionless)]
     arguments = [*symbols, *(par.symbol for par in system.parameters)]
-    return numpy_function(arguments, [*expressions, *implied.values()]), tuple(names)
+    return numpy_function(arguments, list(of(system, contacts))), tuple(names)
+
+
+def _evaluated(
+    of: Callable[..., Sequence[sp.Expr]], system: System, signals: dict[str, np.ndarray], contacts: tuple[str, ...]
+) -> list[np.ndarray]:
+    """Expressions ``of(system, contacts)`` along a motion, each of shape (n,); an absent signal counts as zero."""
+    made = type(system), system.equations, system.driven
+    function, names = _along_motion(of, *made, contacts)  # type: ignore[arg-type]
+    n = len(next(iter(signals.values())))
+    columns = [np.asarray(signals[name], float) if name in signals else np.zeros(n) for name in names]
+    values = function(*columns, *(system.values[par.name] for par in system.parameters))
+    return [np.broadcast_to(np.asarray(value, float), (n,)) for value in values]
+
+
+def _of_contacts(system: System, contacts: tuple[str, ...]) -> list[sp.Expr]:
+    views = [system.at(name) for name in contacts]
+    own = [e for at in views for e in (at.v_slip, at.N, at.a_slip, at.a_frictionless)]
+    return own + list(forces_implied(system, contacts).values())
+
+
+def _of_balance(system: System, contacts: tuple[str, ...]) -> list[sp.Expr]:
+    return list(balance(system, contacts)[0])
+
+
+def _of_feedback(system: System, contacts: tuple[str, ...]) -> list[sp.Expr]:
+    return list(system.feedback)
 
 
 def contact_signals(
@@ -71,26 +99,10 @@ def contact_signals(
         UserError: the force balance does not tell the friction forces of these contacts apart.
     """
     own = tuple(contact.name for contact in system.contacts) if contacts is None else tuple(contacts)
-    function, names = _contact_function(type(system), system.equations, system.driven, own)  # type: ignore[arg-type]
-    n = len(next(iter(signals.values())))
-    columns = [np.asarray(signals[name], float) if name in signals else np.zeros(n) for name in names]
-    values = function(*columns, *(system.values[par.name] for par in system.parameters))
-    full = [np.broadcast_to(np.asarray(value, float), (n,)) for value in values]
     kinds, prefix = CONTACT_SIGNALS[:-1], len(system.contacts) > 1
     keys = [at_contact(contact if prefix else "", kind) for contact in own for kind in kinds]
     keys += [at_contact(contact if prefix else "", CONTACT_SIGNALS[-1]) for contact in own]
-    return dict(zip(keys, full, strict=True))
-
-
-@lru_cache(maxsize=32)
-def _slope_function(
-    kind: Callable[..., System], equations: str, driven: tuple[str, ...], contacts: tuple[str, ...]
-) -> tuple[Callable, tuple[str, ...], tuple[int, ...]]:
-    system = kind(equations=equations, driven=driven)
-    J, _ = balance(system, contacts)
-    names = [name for c in system.moving for name in c.signals]
-    arguments = [symbol for c in system.moving for symbol in c.symbols] + [par.symbol for par in system.parameters]
-    return numpy_function(arguments, list(J)), tuple(names), J.shape
+    return dict(zip(keys, _evaluated(_of_contacts, system, signals, own), strict=True))
 
 
 def balance_slopes(system: System, signals: dict[str, np.ndarray], contacts: Sequence[str]) -> np.ndarray:
@@ -103,11 +115,17 @@ def balance_slopes(system: System, signals: dict[str, np.ndarray], contacts: Seq
     Returns:
         shape (n, equations, contacts).
     """
-    made = type(system), system.equations, system.driven, tuple(contacts)
-    function, names, shape = _slope_function(*made)  # type: ignore[arg-type]
-    n = len(next(iter(signals.values())))
-    values = function(*(signals[name] for name in names), *(system.values[par.name] for par in system.parameters))
-    return np.stack([np.broadcast_to(np.asarray(v, float), (n,)) for v in values], axis=1).reshape(n, *shape)
+    columns = _evaluated(_of_balance, system, signals, tuple(contacts))
+    return np.stack(columns, axis=1).reshape(len(columns[0]), -1, len(contacts))
+
+
+def motion_feedback(system: System, signals: dict[str, np.ndarray]) -> np.ndarray:
+    """:attr:`..physics.System.feedback` of a system's only contact along a motion, shape (n, 2), 1/s^2 and 1/s.
+
+    Args:
+        system, signals: as above.
+    """
+    return np.stack(_evaluated(_of_feedback, system, signals, ("",)), axis=1)
 
 
 def capacity_rate(law: FrictionLaw) -> tuple[sp.Expr, tuple[sp.Symbol, sp.Symbol]]:

@@ -17,7 +17,8 @@ from .force_balance import forces_implied, simplified
 __all__ = ["TIME", "Coordinate", "FrictionalContact", "Input", "System"]
 
 # What a system with several contacts derives anew for each of them.
-OF_ONE_CONTACT = ("v_slip", "N", "jacobian", "slip_position", "a_slip", "a_frictionless", "friction_implied", "_views")
+OF_ONE_CONTACT = ("v_slip", "N", "jacobian", "slip_position", "a_slip", "a_frictionless", "feedback",
+                  "friction_implied", "_views")  # fmt: skip
 
 
 class System:
@@ -291,6 +292,17 @@ class System:
         solution = sp.solve([self.residual(c) for c in self.free], accelerations, dict=True)[0]
         free = self.a_slip.subs(solution)
         return simplified(free) if len(self.whole.contacts) == 1 else free  # of two links it would take a minute
+
+    @cached_property
+    def feedback(self) -> tuple[sp.Expr, sp.Expr]:
+        """Slopes of a_frictionless in slip position and slip velocity where slip is that of the only free coordinate;
+        0 elsewhere, where the slip alone does not tell the motion."""
+        if self.massless or len(self.free) != 1 or self.slip_position is None:
+            return sp.Integer(0), sp.Integer(0)
+        (c,) = self.free
+        q, qd, _ = c.symbols
+        lever = self.jacobian[c.name]
+        return sp.diff(self.a_frictionless, q) / lever, sp.diff(self.a_frictionless, qd) / lever
 
     @property
     def signal_units(self) -> dict[str, str]:

@@ -12,7 +12,7 @@ from commands import call
 
 from frictionpinn.errors import UserError
 from frictionpinn.export.augmented import folded
-from frictionpinn.numerics.torch_functions import contact_signals
+from frictionpinn.numerics.torch_functions import contact_signals, motion_feedback
 from frictionpinn.physics import SYSTEMS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,6 +41,25 @@ def test_forces_leave_the_friction_of_the_law_and_loads_change_what_it_sees(tmp_
     assert made["friction_force"] == pytest.approx(plain["friction_force"] - extra)
     assert made["normal_force"] == pytest.approx(plain["normal_force"] + 1.5)
     assert values == LAW
+
+
+@pytest.mark.parametrize("name", ["pob", "pendulum", "joint", "drive"])
+def test_what_moves_a_contact_without_friction_follows_where_it_goes_by_the_known_slopes(tmp_path, name):
+    kind = SYSTEMS[name](**({"W_cos": 2.0} if name == "joint" else {}))
+    path = saved(tmp_path, {"drag": {"drag": 0.5}})
+    content = yaml.safe_load(path.read_text())
+    content["system"] |= {"name": name, "driven": list(kind.driven), "parameters": kind.values}
+    path.write_text(yaml.safe_dump(content))
+    system, _ = folded(path)
+    (c,) = system.free
+    rng, names = np.random.default_rng(0), system.signal_units
+    given = {key: rng.normal(size=50) for key in names if key != "t"}
+    step, slopes = 1e-6, motion_feedback(system, given)
+    for signal, slope in zip(c.signals[:2], slopes.T, strict=True):
+        ends = [contact_signals(system, given | {signal: given[signal] + way * step}) for way in (1, -1)]
+        difference = (ends[0]["a_frictionless"] - ends[1]["a_frictionless"]) / (2 * step)
+        assert slope == pytest.approx(difference, rel=1e-5, abs=1e-6)
+    assert slopes[:, 1].any() and slopes[:, 0].any() == (name in ("pendulum", "joint"))
 
 
 def test_a_payload_takes_part_in_the_inertia(tmp_path):

@@ -59,7 +59,9 @@ double friction_step(double z[FRICTION_STATES], double v_slip, double N, double 
         const double s = element[2 * FRICTION_STATES + k] + N * seen[k], n = element[3 * FRICTION_STATES + k];
         const double bent = fabs(z[k]) > 0.0 ? pow(fabs(z[k]) / s, n - 1.0) : n == 1.0 ? 1.0 : 0.0;
         const double X = fabs(v_slip) * dt / s * bent;
-        z[k] = z[k] * exp(-X) + v_slip * dt * (X > 1e-4 ? -expm1(-X) / X : 1.0 - X / 2.0);
+        const double after = z[k] * exp(-X) + v_slip * dt * (X > 1e-4 ? -expm1(-X) / X : 1.0 - X / 2.0);
+        const double end = v_slip > 0.0 ? s : v_slip < 0.0 ? -s : 0.0;  /* where it settles */
+        z[k] = n != 1.0 && (after - end) * (z[k] - end) < 0.0 ? end : after;
     }
     return friction_rates(v_slip, N, z, rate);
 }
