@@ -14,10 +14,10 @@ bristle takes, |damp| <= kappa_k |dead| (|z_k| / s_k)^n_k while z_k' w < 0: no c
           + sum_k (kappa_k |dead| |w| (|z_k| / s_k)^n_k + damp w)  +  w^2 r.
 
 z is stepped exactly where n = 1, at a held w; with (|z|/s)^(n-1) held over a step otherwise, but no further than to
-sgn(w) s, where it settles. Either the slip velocity is imposed, or it moves: w' = A - mobility F, corrected at every sample
-towards the measured one by the share ``gain * gate``, and begun anew at a start, wholly or by a share. A is that along
-a measured motion of slip velocity u. Where the motion acts back on it (a pendulum's gravity, a drag), A + pull q +
-drag (w - u) takes its place: q with q' = w - u is how far the contact has left that motion, pull and drag are the
+sgn(w) s, where it settles. Either the slip velocity is imposed, or it moves: w' = A - mobility F, corrected at every
+sample towards the measured one by the share ``gain * gate``, and begun anew at a start, wholly or by a share. A is that
+along a measured motion of slip velocity u. Where the motion acts back on it (a pendulum's gravity, a drag), A + pull q
++ drag (w - u) takes its place: q with q' = w - u is how far the contact has left that motion, pull and drag are the
 slopes of A in slip position and slip velocity.
 """
 
