@@ -4,14 +4,12 @@
 
 A black box with one bristle is trained through the motion on the training runs. Then maximum likelihood over
 windows of 4 s on the same runs gives Coulomb + drag and viscous + drag friction; each stands in the network's place
-(the same bristle, its sliding force and the rest set), and the network's own loss is evaluated: residuals of the
+(as a bristle of a milliradian and the rest), and the network's own loss is evaluated: residuals of the
 velocity over half swings, the errors of their starts estimated anew. Beside it free runs of 4 s from the measured
 state, of the training runs, of one of them alone, of the authors' validation runs and of the raw tail. Last some
 viscous friction instead of Coulomb friction, by maximum likelihood on the training runs: what these hardly tell apart,
 and the validation runs do, decides on the raw tail, which swings far less.
-Then the two kinds that networks_measured.py finds best, the mean of trainings without one run each and one training
-alone, with more or less of the ends of the runs left out, where a low-pass shows what they were padded with: friction
-at low speeds, which these runs hardly tell, comes out another one each time.
+Then maximum likelihood on every run alone, beside the drag of all training runs: what friction and inertia each has.
 Writes benchmarks/results/networks_pendulum.txt.
 """
 
@@ -24,39 +22,24 @@ from typing import Any
 
 import numpy as np
 import torch
-from networks_measured import (
-    BAGGED,
-    BESIDE,
-    FROM_ANGLE,
-    MOTION,
-    fitted,
-    found_model,
-    plain_pendulum,
-    rollout_error,
-    trained,
-)
+from networks_measured import FROM_ANGLE, MOTION, plain_pendulum, rollout_error, trained
 
-from frictionpinn.data import sets
-from frictionpinn.data.sets import FIT, HELD_OUT
+from frictionpinn.data.sets import FIT, HELD_OUT, load_public
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "networks_pendulum.txt"
 NAME = "multiarm_pendulum"
 ALONE = {"id_4": ["id_4"], "vad 1, 2": ["vad_1", "vad_2"], "raw tail": ["raw"]}
 VISCOUS = (2e-5, 5e-5, 1e-4)  # N m s/rad
-KINDS = {"bb1, three bristles": ["model=bb1", "model.state.elements=3"], "pe1": ["model=pe1"]}
-ENDS = (2.0, 3.0, 6.0)  # periods of the cutoff that are left out
+REACH = 1e-3  # rad, of a bristle that stands for Coulomb friction
 
 
 def stands_in(model: Any, p: dict[str, float]) -> Any:
-    """Tables of the model's bristle in which mu_c N slides, and sigma_2 + drag |v| is left beside it."""
-    T, rows, told = (x.detach() for x in type(model).tables(model))
+    """Tables of a short bristle that slides at mu_c, with sigma_2 + drag |v| beside it."""
+    T, _, told = (x.detach() for x in type(model).tables(model))
     speed = model.knots[:, 0].abs().reshape(T.shape[1:])
-    return (
-        torch.stack([torch.full_like(T[0], p["mu_c"]) / rows[0, 0], p["sigma_2"] + p["drag"] * speed]),
-        rows,
-        0 * told,
-    )
+    rows = torch.tensor([[p["mu_c"] / REACH], [0.0], [0.0], [1.0]], dtype=torch.float64)
+    return torch.stack([torch.full_like(T[0], REACH), p["sigma_2"] + p["drag"] * speed]), rows, 0 * told
 
 
 def loss_over_starts(model: Any, batch: dict[str, torch.Tensor]) -> float:
@@ -74,24 +57,16 @@ def loss_over_starts(model: Any, batch: dict[str, torch.Tensor]) -> float:
     return float(loss())
 
 
-def without_ends(name: str, content: dict[str, Any], epochs: int) -> list[str]:
-    """Validation runs and raw tail by what is left out of the runs' ends: one training beside a diagnosed model's
-    effects, and the mean of four."""
-    lines = [f"{name} through the motion {BESIDE}, trained on all training runs",
-             f"{'':24}{'one training':>22}  {'mean of four':>22}",
-             f"{'ends left out, periods':24}" + (2 * f"{'vad 1, 2':>12}{'raw tail':>10}  ").rstrip()]  # fmt: skip
-    with tempfile.TemporaryDirectory() as folder:
-        for ends in ENDS:
-            sets.PADDED, row = ends, f"{ends:<24g}"
-            for way in ((), (BAGGED,)):
-                place = Path(folder) / f"{ends:g} {len(way)}"
-                options = [*KINDS[name], MOTION, BESIDE, *way]
-                system, model, data, _ = fitted(NAME, options, FIT[NAME], content, epochs, place)
-                check, tail = (rollout_error(model, system, [data.by_name[run] for run in ALONE[own]])
-                               for own in ("vad 1, 2", "raw tail"))  # fmt: skip
-                row += f"{check:12.2f}{tail:10.2f}  "
-            lines.append(row.rstrip())
-            print(lines[-1], flush=True)
+def by_run(drag: float) -> list[str]:
+    """Coulomb friction and inertia that every run alone has beside the same drag, and how far it swings."""
+    lines = [f"by maximum likelihood on one run, beside a drag of {drag:.3g} N m s^2/rad^2",
+             f"{'':8}{'swings, rad':>14}{'Coulomb friction, N m':>24}{'inertia, kg m^2':>18}"]  # fmt: skip
+    for trial in load_public(NAME, from_angle=True).trials:
+        swing = np.abs(trial.signals["theta"] - np.pi)
+        first, last = (float(swing[part].max()) for part in (slice(0, len(swing) // 4), slice(-len(swing) // 4, None)))
+        found = plain_pendulum([trial.name], ("mu_c",), ("drag",), drag=drag, sigma_2=0.0)
+        lines.append(f"{trial.name:8}{f'{first:.2f} to {last:.2f}':>14}{found['mu_c']:24.3g}{found['J']:18.4g}")
+        print(lines[-1], flush=True)
     return lines
 
 
@@ -124,10 +99,7 @@ def main() -> None:
         tables = stands_in(model, plain_pendulum(FIT[NAME], free, ("drag",), **fixed))
         model.tables = lambda tables=tables: tables
         add(title)
-    with tempfile.TemporaryDirectory() as folder:
-        content = found_model("id_4", ["vad_1", "vad_2", "raw"], Path(folder))
-    for name in KINDS:
-        lines += ["", *without_ends(name, content, epochs)]
+    lines += ["", *by_run(plain_pendulum(FIT[NAME], ("mu_c", "drag"), ("drag",), sigma_2=0.0)["drag"])]
     RESULT.write_text("\n".join(lines) + "\n")
 
 
