@@ -50,7 +50,7 @@ def input_noise(recording: Recording, system: System, smoother: Smoother, trials
     speed, rate = (_rms(np.concatenate([trial.offline[name] for trial in trials])) for name in ("v_slip", "a_slip"))
     pulled = any(trial.feedback is not None and trial.feedback[:, 0].any() for trial in trials)
     found: dict = {"slip_noise": _size(off["v_slip"]), "force_noise": _size(off["friction_force"]),
-                   "start_time": speed / rate if pulled else 0.0}  # fmt: skip
+                   "start_time": speed / rate if pulled and rate > 0 else 0.0}  # fmt: skip
     rng, again = np.random.default_rng(SEED), []
     names = [name for c in system.moving for name in c.signals if name in trials[0].measured]
     sigmas = {name: _size(np.concatenate([t.measured[name] - t.smoothed[name] for t in trials])) for name in names}
