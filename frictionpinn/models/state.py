@@ -4,7 +4,6 @@ dissipative; trained along the measured motion or through the motion that it mak
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -175,10 +174,11 @@ class StateModel(FrictionModel):
         arrays = [x.detach().cpu().numpy() for x in (follow, column["N"], column["h"], anew, gate)]
         mobility = self.scales["mobility"] if moving else 0.0
         v_, N_, h_, anew_, gate_ = (np.ascontiguousarray(x) for x in arrays)
-        drive = Drive(v_, N_, h_, anew_, gate_, mobility, STEPS)
+        u = slopes = None
         if known and moving:
-            u, *back = (batch[name][:, 0].double().cpu().numpy() for name in ("u", "pull", "drag"))
-            drive = replace(drive, u=np.ascontiguousarray(u), slopes=np.stack(back, axis=1))
+            u, *back = (np.ascontiguousarray(batch[name][:, 0].double().cpu()) for name in ("u", "pull", "drag"))
+            slopes = np.stack(back, axis=1)
+        drive = Drive(v_, N_, h_, anew_, gate_, mobility, STEPS, u, slopes)
         share = torch.as_tensor(gain, dtype=torch.float64)
         force, slip, states = Recursion.apply(z0, tables, elements, share, A, start_off, self.grid, drive)
         return {"force": force, "slip": slip, "z": states, "off": off, "told": told}

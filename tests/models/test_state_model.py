@@ -9,8 +9,14 @@ import pytest
 import torch
 
 from frictionpinn.errors import UserError
+from frictionpinn.evaluate.in_motion import simulate_in_motion
 from frictionpinn.models import StateModel, rebuilt
-from frictionpinn.physics import SYSTEMS
+from frictionpinn.numerics.paths import InputPath
+from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.workflow.build import build_system
+from frictionpinn.workflow.experiment import build_data, build_model
+from frictionpinn.workflow.options import composed
 
 VARIANTS = ("bb1", "bb2", "pe1", "pe2")
 
@@ -88,82 +94,6 @@ def test_a_trial_is_started_anew_where_it_slides_fastest(stateful, data, batch):
     speed = np.abs(trial.offline["v_slip"])
     assert all(speed[k] >= speed[max(k - 3, 0) : k + 4].max() for k in first[1:])
     assert sum(model.lengths) == len(trial)
-
-
-def test_what_smoothing_leaves_is_found_by_smoothing_again(data):
-    from frictionpinn.data.input_noise import input_noise
-    from frictionpinn.numerics.kalman import KalmanSmoother
-
-    system, train = SYSTEMS["pob"](), data.select("train")
-    told = input_noise(data.recording, system, KalmanSmoother(), train)
-    slip = np.concatenate([t.offline["v_slip"] - t.truth["v_slip"] for t in train])
-    assert told["start_error"] == pytest.approx(np.sqrt(np.mean(slip**2)), rel=0.6)
-    assert told["first_error"] > told["start_error"]  # a smoother sees one side of a trial's first sample
-    assert 0 < told["input_error"] < 0.2
-    noise = np.concatenate([t.seen["v_slip"] - t.truth["v_slip"] for t in train])
-    assert told["slip_noise"] == pytest.approx(np.sqrt(np.mean(noise**2)), rel=0.1)
-
-
-def test_errors_that_are_larger_near_the_ends_of_a_trial_are_known_to_be():
-    from frictionpinn.data.input_noise import ends
-
-    rng, size = np.random.default_rng(0), 1 + 3 * np.exp(-np.minimum(np.arange(400), np.arange(400)[::-1]) / 10)
-    profile, inside = ends([0.1 * size * rng.standard_normal(400) for _ in range(400)])
-    assert inside == pytest.approx(0.1, rel=0.02)
-    assert 20 < len(profile) < 150
-    np.testing.assert_allclose(profile[:20], size[:20], rtol=0.2)
-
-
-def test_errors_of_the_inputs_have_the_size_that_smoothing_leaves():
-    from frictionpinn.models.input_errors import InputErrors
-
-    scales = {"input_error": 0.2, "start_error": 0.1, "first_error": 0.3, "start_time": 0.2, "step": 0.01,
-              "input_step": 0.01}  # fmt: skip
-    errors = InputErrors([[300, 200], [500]], [0.6, 0.8], [4.0, 2.0], scales)
-    torch.manual_seed(0)
-    made = []
-    for _ in range(400):
-        with torch.no_grad():
-            errors.inputs.normal_()
-            errors.starts.fill_(1.0)
-            errors.places.fill_(-1.0)
-            made.append(errors.along().numpy())
-    spread = np.std(made, axis=0)
-    assert spread[[0, 499, 500, 999]].mean() == pytest.approx(0.8, rel=0.1)
-    assert spread[[1, 498, 501, 998]].mean() == pytest.approx(0.4, rel=0.1)
-    assert spread[10:400].mean() == pytest.approx(0.2, rel=0.05)
-    anew = torch.tensor([1.0, 0.5, 1.0], dtype=torch.float64)
-    np.testing.assert_allclose(errors.at_starts(anew).detach(), [[0.3, -0.06], [0.05, -0.01], [0.3, -0.06]], rtol=1e-6)
-    errors.forget()
-    assert errors.squares().item() == 0.0
-
-
-def test_a_contact_that_a_known_force_moves_has_no_error_of_its_input_but_of_its_starts():
-    from frictionpinn.workflow.build import build_system
-    from frictionpinn.workflow.experiment import build_data, build_model
-    from frictionpinn.workflow.options import composed
-
-    options = ["experiment=memory", "model=bb2", "system=drive", "data.rate_hz=100", "data.training_trials=2"]
-    cfg = composed("train", options)
-    system = build_system(cfg["system"])
-    model = build_model(cfg, system, build_data(cfg, system))
-    assert model.through == "motion" and not model.errors.along().any()
-    assert len(model.errors.starts) >= 2 and model.errors.places is None
-    assert model.scales["input_error"] == 0.0 < model.scales["start_error"]
-
-
-def test_errors_of_an_acceleration_whose_position_is_measured_keep_their_lack_of_a_slow_part():
-    from frictionpinn.data.input_noise import shape
-
-    rng, h = np.random.default_rng(0), np.hanning(17) / np.hanning(17).sum()
-    errors = [np.diff(np.convolve(rng.standard_normal(2017), h, "valid"), 2) for _ in range(4)]
-    kernel, every = shape(errors)
-    made = np.convolve(rng.standard_normal(20000), kernel, "valid")
-    assert every == 1.0 and np.std(made) == pytest.approx(1.0, rel=0.1)
-    alike = [np.mean(made[k:] * made[: len(made) - k]) for k in range(8)]
-    wanted = [np.mean([np.mean(e[k:] * e[: len(e) - k]) / np.mean(e**2) for e in errors]) for k in range(8)]
-    np.testing.assert_allclose(alike, wanted, atol=0.15)
-    assert abs(kernel.sum()) < 0.1 * np.abs(kernel).sum()
 
 
 def test_a_network_beside_a_law_leaves_to_it_what_the_law_can_say(stateful, data):
@@ -349,3 +279,24 @@ def test_a_step_beyond_what_numbers_hold_is_made_again_shorter():
     model = Overflowing()
     _fit(model, {"v": torch.zeros(1)}, ("network",), 50)
     assert float(model.network.detach()) == pytest.approx(np.log(1e3), abs=1e-2)
+
+
+def test_a_pendulum_s_simulated_motion_has_its_own_gravity():
+    """A whole swing with more friction than the measured one had is that of the mechanism with more friction."""
+    options = ["experiment=memory", "model=pe1", "model.loss.through=motion", "system=pendulum", "noise=none",
+               "smoothing=none", "data.training_trials=1"]  # fmt: skip
+    cfg = composed("train", options)
+    system = build_system(cfg["system"])
+    data = build_data(cfg, system)
+    model, (trial,) = build_model(cfg, system, data), data.select("train")
+    batch = {key: torch.from_numpy(x) for key, x in model.arrays(trial, "offline").items()}
+    model.carried.fill_(1.0)
+    model.departs.fill_(0.0)
+    truth = cfg["data"]["truth"]
+    model.law_parameters.place(truth | {name: 1.05 * truth[name] for name in ("mu_c", "mu_s")})
+    start = {name: float(trial.measured[name][0]) for name in ("theta", "omega")}
+    path = InputPath.from_signals(Mechanism(system, LAWS["lugre"]()), trial.t, trial.measured)
+    own = simulate_in_motion(system, model.friction(), path, start).signals["omega"]
+    told = model._along(batch, True, 0.0, True)["slip"].detach().numpy()
+    left = np.sqrt(np.mean((own - trial.measured["omega"]) ** 2))
+    assert np.sqrt(np.mean((told - own) ** 2)) < 0.1 * left

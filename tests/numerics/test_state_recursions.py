@@ -8,7 +8,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from frictionpinn.evaluate.in_motion import simulate_in_motion
 from frictionpinn.models.elements import StateFriction
+from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.numerics.state_function import Drive, Recursion
 from frictionpinn.numerics.state_recursions import stretch
@@ -108,6 +110,15 @@ def test_one_bristle_moves_a_drive_as_lugre_friction_does():
     )  # fmt: skip
     assert np.abs(slip.numpy() - run.signals["v"]).max() < 1e-3 * np.abs(run.signals["v"]).max()
     assert np.sqrt(np.mean((told.numpy() - run.F) ** 2)) < 0.01 * np.sqrt(np.mean(run.F**2))
+
+
+def test_a_simulation_from_a_motion_begins_with_bristles_as_steady_sliding_leaves_them():
+    system, model = SYSTEMS["drive"](M=2.0), friction(LUGRE | {"sigma_0": 2e4, "v_s": 5e-3})
+    path = InputPath.from_signals(Mechanism(system, LAWS["coulomb"]()), np.arange(5) / 400.0, {"force": np.zeros(5)})
+    for speed in (0.5, -0.5, 0.0):
+        run = simulate_in_motion(system, model, path, {"v": speed})
+        assert run.z[0] == model.settled(speed, run.N[0])[0]
+        assert np.sign(run.z[0]) == np.sign(speed)
 
 
 @settings(deadline=None, max_examples=200)
