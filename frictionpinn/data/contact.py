@@ -39,6 +39,9 @@ class ContactTrial:
             accelerations of the free coordinates as measured, their noise kept: what a simulation is compared with.
         feedback: slopes of a_frictionless in slip position and slip velocity along the smoothed motion, shape (n, 2),
             see :func:`motion_feedback`; None of several contacts.
+        off_position: by how much the measured slip position is off the smoothed one, shape (n,); None of several
+            contacts.
+        derived: whether the slip velocity is no measurement of its own but differentiated from a position.
         contacts: names of the contacts with friction; one without a name where the system has no other.
         slopes: J along the smoothed motion, shape (n, equations, contacts), see :func:`balance_slopes`; of several.
     """
@@ -57,6 +60,8 @@ class ContactTrial:
     seen: dict[str, np.ndarray] = field(default_factory=dict)
     felt: dict[str, np.ndarray] = field(default_factory=dict)
     feedback: np.ndarray | None = None
+    off_position: np.ndarray | None = None
+    derived: bool = False
 
     def __len__(self) -> int:
         return len(self.t)
@@ -114,11 +119,13 @@ def contact_trials(
             rates[at_contact(contact, "v_slip")] = on[at_contact(contact, "a_slip")]
         made = ContactTrial(trial.name, trial.t, off, on, rates, trial.truth, trial.signals, two_sided, causal)
         seen, felt = (_as_measured(system, trial, signals, own) for signals in (two_sided, causal))
-        made = replace(made, seen=seen, felt=felt)
+        measured = set(trial.signals) - set(trial.derived)
+        made = replace(made, seen=seen, felt=felt, derived=any(c.signals[1] not in measured for c in system.free))
         if several:
             made = replace(made, contacts=own, slopes=balance_slopes(system, two_sided, own))
         else:
-            made = replace(made, feedback=motion_feedback(system, two_sided))
+            made = replace(made, feedback=motion_feedback(system, two_sided),
+                           off_position=_off_position(system, trial, two_sided, off["v_slip"]))  # fmt: skip
         trials.append(made)
     return trials
 
@@ -132,6 +139,15 @@ def _as_measured(
         raw |= {name: trial.signals[name] for name in c.signals[1:] if name in trial.signals}
     found = contact_signals(system, raw, contacts)
     return {name: x for name, x in found.items() if plain_name(name) in ("v_slip", "friction_force")}
+
+
+def _off_position(system: System, trial: Trial, smoothed: dict[str, np.ndarray], v_slip: np.ndarray) -> np.ndarray:
+    """The measured slip position less the smoothed one: a slip velocity is linear in the velocities, so that the errors
+    of the positions in their place give it."""
+    off = dict(smoothed)
+    for position, velocity, _ in (c.signals for c in system.moving):
+        off[velocity] = smoothed[velocity] + trial.signals.get(position, smoothed[position]) - smoothed[position]
+    return contact_signals(system, off)["v_slip"] - v_slip
 
 
 def smooth_trials(

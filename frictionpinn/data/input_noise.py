@@ -22,10 +22,13 @@ FINER, REACH = 4, 16  # points of the errors' shape in the time over which they 
 
 # Of a contact that follows the measured motion: nothing is simulated, and compared over its noise.
 UNTOLD: dict = {"slip_noise": 0.0, "force_noise": 0.0, "input_error": 0.0, "start_error": 0.0, "first_error": 0.0,
-                "start_time": 0.0, "input_shape": [], "input_step": 0.0, "input_ends": []}  # fmt: skip
+                "start_time": 0.0, "position_noise": 0.0, "assumed": 0.0, "input_shape": [], "input_step": 0.0,
+                "input_ends": []}  # fmt: skip
 
 
-def input_noise(recording: Recording, system: System, smoother: Smoother, trials: Sequence[ContactTrial]) -> dict:
+def input_noise(
+    recording: Recording, system: System, smoother: Smoother, trials: Sequence[ContactTrial], positions: bool = False
+) -> dict:
     """Errors of the frictionless acceleration and the slip velocity that smoothing leaves, at a system's only contact.
 
     The smoothed trials, with as much white noise as was smoothed away, are smoothed again: what comes out differs from
@@ -35,28 +38,35 @@ def input_noise(recording: Recording, system: System, smoother: Smoother, trials
         recording: as measured.
         smoother: with which ``trials`` were smoothed.
         trials: training trials.
+        positions: whether a simulation is compared with the slip position.
 
     Returns:
-        ``input_error``: root mean square error of a_frictionless far from a trial's ends, ``input_ends``: near them as
-        multiples of it (:func:`ends`); ``start_error``: of v_slip, ``first_error``: at first samples; ``start_time``:
-        that of the slip position over that of v_slip, s, as in the motion; 0 where a_frictionless does not depend on
-        it; ``slip_noise``, ``force_noise``: of v_slip and friction_force as measured; where nothing was smoothed 0, of
-        v_slip and its starts ``CLEAN``. Where no measured motion is among what moves the contact ``input_error`` is 0.
+        ``input_error``: root mean square error of a_frictionless far from a trial's ends, 0 where no measured motion is
+        among what moves the contact; ``input_ends``: near them as multiples of it (:func:`ends`); ``start_error``: of
+        v_slip; ``first_error``: at first samples; ``start_time``: that of the slip position over that of v_slip, s, as
+        in the motion, 0 where a_frictionless does not depend on it and it is not compared; ``slip_noise``,
+        ``force_noise``: of v_slip and friction_force as measured, where no velocity was measured ``start_error``;
+        ``position_noise``: of the slip position, 0 where it is not compared. Where nothing was smoothed the force's is
+        0, those of v_slip and its starts are ``CLEAN``, the position's is as much in the time ``start_time``, and
+        ``assumed`` is 1.
         ``input_shape``, ``input_step``: see :func:`shape`.
     """
     off = {
         name: np.concatenate([trial.seen[name] - trial.offline[name] for trial in trials]) for name in trials[0].seen
     }
+    place = np.concatenate([np.zeros(1) if trial.off_position is None else trial.off_position for trial in trials])
     speed, rate = (_rms(np.concatenate([trial.offline[name] for trial in trials])) for name in ("v_slip", "a_slip"))
     pulled = any(trial.feedback is not None and trial.feedback[:, 0].any() for trial in trials)
     found: dict = {"slip_noise": _size(off["v_slip"]), "force_noise": _size(off["friction_force"]),
-                   "start_time": speed / rate if pulled and rate > 0 else 0.0}  # fmt: skip
+                   "start_time": speed / rate if (pulled or positions) and rate > 0 else 0.0,
+                   "position_noise": _size(place) if positions else 0.0}  # fmt: skip
     rng, again = np.random.default_rng(SEED), []
     names = [name for c in system.moving for name in c.signals if name in trials[0].measured]
     sigmas = {name: _size(np.concatenate([t.measured[name] - t.smoothed[name] for t in trials])) for name in names}
     if not any(sigmas.values()):
         clean = CLEAN * speed
-        return UNTOLD | found | {"slip_noise": clean, "start_error": clean, "first_error": clean}
+        found |= {"slip_noise": clean, "start_error": clean, "first_error": clean, "assumed": 1.0}
+        return UNTOLD | found | {"position_noise": clean * found["start_time"] if positions else 0.0}
     own = [recording.select([trial.name]).trials[0] for trial in trials]
     for _ in range(DRAWS):
         for trial, recorded in zip(trials, own, strict=True):
@@ -70,13 +80,14 @@ def input_noise(recording: Recording, system: System, smoother: Smoother, trials
     errors, slips = zip(*wrong, strict=True)
     first = _rms(np.array([slip[0] for slip in slips]))
     found |= {"start_error": _rms(np.concatenate(slips)), "first_error": first}
+    found["slip_noise"] = found["slip_noise"] or found["start_error"]
     if not np.concatenate(errors).any():  # a drive's force, which is no motion, is all that moves it
         return UNTOLD | found
     profile, size = ends(errors)
     kernel, every = shape([error[len(profile) : len(error) - len(profile)] for error in errors])
     found["input_error"] = size
     step = every * float(np.median(np.diff(trials[0].t)))
-    return found | {"input_shape": kernel.tolist(), "input_step": step, "input_ends": profile.tolist()}
+    return UNTOLD | found | {"input_shape": kernel.tolist(), "input_step": step, "input_ends": profile.tolist()}
 
 
 def ends(errors: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:

@@ -187,7 +187,7 @@ def prepare_trial(
     """
     x, v, a = differentiate(trial.t, trial.signals[position], cutoff_hz)
     full = trial.with_signals(**{position: x, derivatives[0]: v, derivatives[1]: a})
-    return thin(full, rate_hz, thin_cutoff_hz, edge_s)
+    return thin(replace(full, derived=derivatives), rate_hz, thin_cutoff_hz, edge_s)
 
 
 def _mapped(trial: Trial, t: np.ndarray, function: Callable[[np.ndarray], np.ndarray]) -> Trial:

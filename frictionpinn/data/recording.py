@@ -32,6 +32,7 @@ class Trial:
         start: time of the session at the first sample, s; None: its recording tells, see :class:`Recording`.
         number: place among the trials of the session, from 1; None: its recording tells.
         notes: what was done to it when it was read, a sentence each.
+        derived: signals that were differentiated from another of it: they are no measurements of their own.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Trial:
     start: float | None = None
     number: int | None = None
     notes: tuple[str, ...] = ()
+    derived: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.t)

@@ -115,7 +115,8 @@ def load_multiarm_pendulum(
         _, omega, alpha = differentiate(t, states[0], cutoff)
     else:
         omega, alpha, _ = differentiate(t, states[1], cutoff)
-    whole = Trial("run", t, {"theta": states[0], "omega": omega, "alpha": alpha}, start=0.0)
+    derived = ("omega", "alpha") if from_angle else ("alpha",)
+    whole = Trial("run", t, {"theta": states[0], "omega": omega, "alpha": alpha}, start=0.0, derived=derived)
     run = _inside(thin(whole, rate_hz, cutoff), cutoff)
     trials = []
     for (name, _, _), own in zip(names, times, strict=True):

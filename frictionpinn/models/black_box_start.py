@@ -44,6 +44,7 @@ def start_as_law(model: StateModel, batch: Batch) -> None:
     twin = type(model)(**dict(model.hparams) | {"law": {"name": law.name, "start": start, "bounds": bounds}})
     fit_law(twin.to(batch["v"].device), batch)
     begin_as(model, twin.friction())
+    model.discount.copy_(twin.discount)
     if model.errors is not None and twin.errors is not None:
         model.errors.load_state_dict(twin.errors.state_dict())
 

@@ -10,9 +10,11 @@ from scipy.signal import find_peaks
 
 from ..data.contact import ContactTrial
 from ..errors import UserError, choose
+from ..physics import System
 
 GATE = 3.0  # noises of the slip velocity above which a contact surely slides, and is corrected by what is measured
 THROUGH = ("motion", "balance")
+COMPARED = ("velocity", "position")
 TRIAL, SEGMENT = 1.0, 2.0  # marks of the samples at which a trial and a segment within it start
 
 
@@ -44,3 +46,17 @@ def through(wanted: Any, moving: bool, scales: dict[str, float]) -> str:
                         allowed="balance here: motion wants a contact that friction moves by a constant mobility",
                         fix="leave model.loss.through=null")  # fmt: skip
     return wanted
+
+
+def compares_position(wanted: Any, trials: Sequence[ContactTrial], system: System) -> bool:
+    """Whether a simulated motion is compared with the measured slip position, and not with the slip velocity: where
+    nothing is said, if that was derived from it. Then its error is that of a position, differentiated: a step by the
+    play of an encoder at a reversal, which hardly moves the position, becomes the largest error of the velocity, and
+    looks like friction that rises towards rest."""
+    choose("velocity" if wanted is None else wanted, dict.fromkeys(COMPARED), "model.loss.compare")
+    told = any(c.signals[0] in trials[0].measured for c in system.free)
+    if wanted == "position" and not told:
+        raise UserError("no measured position to compare a motion with", where="model.loss.compare",
+                        received="position", allowed="velocity where no position is recorded",
+                        fix="leave model.loss.compare=null")  # fmt: skip
+    return told and trials[0].derived if wanted is None else bool(wanted == "position")

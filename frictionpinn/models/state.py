@@ -73,6 +73,7 @@ class StateModel(FrictionModel):
     eyes: Tensor
     carried: Tensor
     departs: Tensor
+    discount: Tensor
     begins: Tensor
     own = ("law_parameters.", "stiffness", "damping", "gap", "sharp")
 
@@ -83,6 +84,8 @@ class StateModel(FrictionModel):
         scales, options = self.scales, dict(state)
         # Share of its velocity and bristles that a segment has from the one before.
         self.register_buffer("carried", torch.zeros((), dtype=torch.float64))
+        # Square of the residuals in noises times the samples over which they stay correlated, where it is not 1.
+        self.register_buffer("discount", torch.ones((), dtype=torch.float64))
         # Whether the network of a parameter estimator departs from the law.
         self.register_buffer("departs", torch.ones((), dtype=torch.float64))
         self.lengths = [int(n) for own in state.get("lengths", ()) for n in own]
@@ -180,8 +183,8 @@ class StateModel(FrictionModel):
             slopes = np.stack(back, axis=1)
         drive = Drive(v_, N_, h_, anew_, gate_, mobility, STEPS, u, slopes)
         share = torch.as_tensor(gain, dtype=torch.float64)
-        force, slip, states = Recursion.apply(z0, tables, elements, share, A, start_off, self.grid, drive)
-        return {"force": force, "slip": slip, "z": states, "off": off, "told": told}
+        force, slip, states, left = Recursion.apply(z0, tables, elements, share, A, start_off, self.grid, drive)
+        return {"force": force, "slip": slip, "z": states, "left": left, "off": off, "told": told}
 
     def _start(self, force: Tensor, v: Tensor, N: Tensor, tables: Tensor, elements: Tensor) -> Tensor:
         """States at the starts, shape (trials, K): settled where the contact surely slides; at rest those that carry
@@ -214,6 +217,7 @@ class StateModel(FrictionModel):
             "seen_v": raw.get("v_slip", table["v_slip"]),
             "seen_F": raw.get("friction_force", table["friction_force"]),
             "whole_rate": np.gradient(force, trial.t), "u": curved(u), "pull": back[:, 0], "drag": back[:, 1],
+            "off_position": np.zeros(len(u)) if trial.off_position is None else trial.off_position,
         }  # fmt: skip
         arrays = {name: np.ascontiguousarray(x, dtype=np.float32)[:, None] for name, x in columns.items()}
         return arrays | {"x": np.concatenate([arrays["v"], arrays["N"]], axis=1)}
@@ -267,8 +271,7 @@ class StateModel(FrictionModel):
         found = self._along(batch, True, 0.0 if own else GAIN, own)
         n, scales = len(batch["v"]), self.scales
         force = found["force"] - found["off"] / scales["mobility"] - batch["seen_F"][:, 0].double()
-        slip = found["slip"] - batch["seen_v"][:, 0].double()
-        parts = {"slip": (slip / scales["slip_noise"]).clamp(-FAR, FAR).square().mean()}
+        parts = {"slip": self._off(batch, found, own).clamp(-FAR, FAR).square().mean() / self.discount}
         if scales["force_noise"] > 0:  # where nothing was smoothed the accelerations are derived, and say nothing more
             parts["force"] = (force / scales["force_noise"]).clamp(-FAR, FAR).square().mean()
         if own and self.errors is not None:
@@ -276,6 +279,19 @@ class StateModel(FrictionModel):
         if own and self.law_parameters is not None:
             parts["beforehand"] = self._beforehand() / n
         return parts, found["told"]
+
+    def _off(self, batch: Batch, found: Mapping[str, Tensor], own: bool) -> Tensor:
+        """Slip velocity or slip position of the simulated motion less the measured one, in noises, shape (n,)."""
+        scales = self.scales
+        if own and scales.get("position_noise", 0.0) > 0:
+            return (found["left"] - batch["off_position"][:, 0].double()) / scales["position_noise"]
+        return (found["slip"] - batch["seen_v"][:, 0].double()) / scales["slip_noise"]
+
+    @torch.no_grad()
+    def residuals(self, batch: Batch) -> list[np.ndarray]:
+        """By trial, what a training through the motion leaves of the slip, in noises; ``batch``: it is trained on."""
+        off = self._off(batch, self._along(batch, True, 0.0, True), True).cpu().numpy()
+        return np.split(off, np.flatnonzero(batch["start"][1:, 0].cpu().numpy() == TRIAL) + 1)
 
     def _beforehand(self) -> Tensor:
         """Squares of what is known of static friction and Stribeck velocity, see :mod:`..physics.beforehand`."""

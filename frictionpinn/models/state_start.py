@@ -5,15 +5,17 @@ stiffness and damping it has few while friction rises towards rest over a wide r
 
 1. a design over stiffness and damping, the rise as wide as the bounds allow;
 2. from the best two the law alone is fitted to the motion, then the law beside the errors of the inputs;
-3. points along the ridge from the better one, and the best two of them fitted again;
-4. the best of all fitted while its segments carry on more and more of the motion from one to the next, up to whole
+3. where nothing was smoothed, and so no noise is measured, what is left there tells how large the noise is and over how
+   many samples it stays correlated, and both are fitted again at that;
+4. points along the ridge from the better one, and the best two of them fitted again;
+5. the best of all fitted while its segments carry on more and more of the motion from one to the next, up to whole
    trials: what segments forget tells of viscous friction. A law that does not explain whole trials (by the likelihood
    ratio) is fitted to the segments as they were, each of which it may still explain;
-5. law and a departure of its own at every speed fitted together, which tells whether a network has anything to add.
+6. law and a departure of its own at every speed fitted together, which tells whether a network has anything to add.
    Where that is no likelier than the law alone (by the same ratio) the network stays at rest in the training, too: it
    would learn noise, and what it learns viscous friction lacks.
 
-A black box starts from steps 1 to 4 (:mod:`.black_box_start`).
+A black box starts from steps 1 to 5 (:mod:`.black_box_start`).
 
 L-BFGS (Nocedal and Wright, Numerical Optimization, 7.2) over the law in coordinates in which its curvature is one, or
 it takes hundreds of iterations along the ridge.
@@ -31,6 +33,7 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.stats import chi2, qmc
 from torch import nn
 
+from ..numerics.whiteness import correlation_time
 from ..physics.beforehand import DAMPING_RATIO, STATIC_RATIO
 from .base import Batch
 from .knots import KNOTS, LOADS
@@ -66,15 +69,13 @@ def fit_law(model: StateModel, batch: Batch) -> float:
     assert law is not None
     model.carried.fill_(0.0)
     model.departs.fill_(0.0)
-    points = [*design(model), model.physical()]  # a start that was given is one of those tried
-    ends = []
-    for point in _best(model, batch, points):
-        law.place(point)
-        if model.errors is not None:
-            model.errors.forget()
-        _fit(model, batch, ("law_parameters.",), ALONE)
-        ends.append((_fit(model, batch, UNKNOWN, JOINT), _now(model)))
-    fitted = min(ends, key=lambda end: end[0])[1]
+    points = _best(model, batch, [*design(model), model.physical()])  # a start that was given is one of those tried
+    ends = _afresh(model, batch, points)
+    if model.scales.get("assumed"):
+        _restore(model, ends[0][1])
+        model.discount.fill_(discount(model.residuals(batch)))
+        ends = _afresh(model, batch, points)
+    fitted = ends[0][1]
     _restore(model, fitted)
     for point in _best(model, batch, ridge(model, batch)):
         _restore(model, fitted)
@@ -92,6 +93,27 @@ def fit_law(model: StateModel, batch: Batch) -> float:
         _restore(model, best)
         whole = _fit(model, batch, UNKNOWN, TO_THE_END)
     return whole
+
+
+def _afresh(model: StateModel, batch: Batch, points: Sequence[Point]) -> list[tuple[float, dict[str, torch.Tensor]]]:
+    """Where fits of the law alone, then beside the inputs' errors, end from these points on, the best one first."""
+    ends = []
+    for point in points:
+        model.law_parameters.place(point)  # type: ignore[union-attr]
+        if model.errors is not None:
+            model.errors.forget()
+        _fit(model, batch, ("law_parameters.",), ALONE)
+        ends.append((_fit(model, batch, UNKNOWN, JOINT), _now(model)))
+    return sorted(ends, key=lambda end: end[0])
+
+
+def discount(residuals: Sequence[np.ndarray]) -> float:
+    """What a residual's square counts for less: its mean, times the samples over which residuals stay correlated.
+
+    A filter, a quantised position, what a model lacks: their errors are no independent noise in every sample, and a
+    likelihood that takes them for that is sure of what an error suggests, whatever is known beforehand.
+    """
+    return float(np.mean(np.concatenate(residuals) ** 2)) * correlation_time(residuals)
 
 
 def has_something_to_add(model: StateModel, batch: Batch, alone: float) -> bool:

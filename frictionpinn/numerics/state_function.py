@@ -46,7 +46,8 @@ class Drive:
 
 class Recursion(torch.autograd.Function):
     """(z0, tables, elements, gain, A: slip acceleration without friction, off: of velocity and position at starts) ->
-    force, slip velocity (n,), states (n, K); float64. It runs on the CPU; its result lies where A does."""
+    force, slip velocity (n,), states (n, K), slip position off that of the motion it is along (n,); float64. It runs on
+    the CPU; its result lies where A does."""
 
     @staticmethod
     def forward(
@@ -58,19 +59,19 @@ class Recursion(torch.autograd.Function):
         share, moving = float(gain), drive.mobility > 0
         path = np.empty((len(drive.v) * drive.steps, 2 + known[0].shape[1]))
         rest = (grid, known[2], share, drive.mobility, drive.steps, moving, path)
-        force, slip, states, reached = forward(drive.along(known[3]), known[0], known[4], known[1], *rest)
+        force, slip, states, left, reached = forward(drive.along(known[3]), known[0], known[4], known[1], *rest)
         ctx.kept = drive, known, rest, (slip, states, reached)
         ctx.like = [(value.dtype, value.device) for value in (z0, tables, elements, gain, A, off)]
-        told = tuple(torch.from_numpy(value).to(A.device) for value in (force, slip, states))
+        told = tuple(torch.from_numpy(value).to(A.device) for value in (force, slip, states, left))
         ctx.mark_non_differentiable(told[2])
         return told
 
     @staticmethod
     def backward(ctx, *bars):
         drive, (z0, tables, elements, A, _), (grid, *_, share, mobility, steps, moving, path), told = ctx.kept
-        f_bar, v_bar = (np.ascontiguousarray(bar.cpu().numpy()) for bar in bars[:2])
+        f_bar, v_bar, left_bar = (np.ascontiguousarray(bars[k].cpu().numpy()) for k in (0, 1, 3))
         rest = (grid, elements, share, mobility, steps, moving, path)
-        found = backward(f_bar, v_bar, drive.along(A), z0, tables, *rest, told)
+        found = backward(f_bar, v_bar, left_bar, drive.along(A), z0, tables, *rest, told)
         slopes = [
             torch.as_tensor(value, dtype=t, device=device) for value, (t, device) in zip(found, ctx.like, strict=True)
         ]

@@ -75,7 +75,7 @@ def power(b, n):
 
 @_compiled
 def forward(along, z0, off, tables, grid, elements, gain, mobility, steps, moving, path):
-    """Force, slip velocity (before it is corrected) and states at every sample.
+    """Force, slip velocity (before it is corrected), states and q at every sample.
 
     Leapfrog: half a step of the states, steps of slip velocity (midpoint rule) and states in turn, half a step.
 
@@ -92,11 +92,11 @@ def forward(along, z0, off, tables, grid, elements, gain, mobility, steps, movin
         path: shape (n steps, K + 2), filled with slip velocity, states and q at every step, for :func:`backward`.
 
     Returns:
-        force (n,), slip velocity (n,), states (n, K), slip velocity with which every start is reached (trials,).
+        force (n,), slip velocity (n,), states (n, K), q (n,), slip velocity with which each start is reached (trials,).
     """
     v, N, A, h, start, gate, u, slopes = along
     n, K = len(v), z0.shape[1]
-    force, slip, states, reached = np.zeros(n), np.zeros(n), np.zeros((n, K)), np.zeros(len(z0))
+    force, slip, states, left, reached = np.zeros(n), np.zeros(n), np.zeros((n, K)), np.zeros(n), np.zeros(len(z0))
     z, w, q, trial = np.zeros(K), 0.0, 0.0, -1
     for k in range(n):
         if start[k] > 0.0:
@@ -107,7 +107,7 @@ def forward(along, z0, off, tables, grid, elements, gain, mobility, steps, movin
             w = (1.0 - start[k]) * w + start[k] * v[k] + off[trial, 0]
         if not moving:
             w = v[k]
-        force[k], slip[k], states[k] = force_of(w, N[k], z, tables, grid, elements), w, z
+        force[k], slip[k], states[k], left[k] = force_of(w, N[k], z, tables, grid, elements), w, z, q
         if k + 1 == n or start[k + 1] == 1.0:
             continue
         if moving:
@@ -131,7 +131,7 @@ def forward(along, z0, off, tables, grid, elements, gain, mobility, steps, movin
                 w = v[k] + after * (v[k + 1] - v[k])
             part = 1.0 if m + 1 < steps else 0.5
             stretch(w, N[k] + (m + 0.5) * more, part * more, z, tables, grid, elements, part * d)
-    return force, slip, states, reached
+    return force, slip, states, left, reached
 
 
 @_compiled
@@ -309,8 +309,8 @@ def force_back(f, w, N, z, tables, grid, elements, z_bar, tables_bar, elements_b
 
 
 @_compiled
-def backward(f_bar, v_bar, along, z0, tables, grid, elements, gain, mobility, steps, moving, path, told):
-    """Gradients of a scalar in z0, tables, elements, gain, A and off, from those in force and slip velocity, (n,).
+def backward(f_bar, v_bar, left_bar, along, z0, tables, grid, elements, gain, mobility, steps, moving, path, told):
+    """Gradients of a scalar in z0, tables, elements, gain, A and off, from those in force, slip velocity and q, (n,).
 
     Others: as :func:`forward` took them; told: slip velocity, states and velocities reached, as it gave them.
     """
@@ -356,6 +356,7 @@ def backward(f_bar, v_bar, along, z0, tables, grid, elements, gain, mobility, st
                 w_bar *= 1 - gain * gate[k]
         own = force_back(f_bar[k], slip[k], N[k], states[k], tables, grid, elements, z_bar, tables_bar, elements_bar)
         w_bar = w_bar + own + v_bar[k] if moving else 0.0
+        q_bar += left_bar[k]
         if start[k] > 0.0:
             z0_bar[trial], off_bar[trial, 0], off_bar[trial, 1] = start[k] * z_bar, w_bar, q_bar
             z_bar *= 1.0 - start[k]

@@ -15,7 +15,7 @@ from ..errors import UserError, choose
 from ..evaluate.characteristics import mobility
 from ..models import MODELS, FrictionModel, SeveralContacts, StateModel
 from ..models.black_box_start import STARTS
-from ..models.segments import lengths
+from ..models.segments import compares_position, lengths
 from ..models.start import complete, data_scales, known_start
 from ..physics import LAWS, FrictionLaw, System
 from ..physics.base import contact_of, plain_name
@@ -102,7 +102,8 @@ def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionMo
     own = _map(cfg, system, "", train)
     if remembers(model):
         offline, _ = build_smoothing(cfg["smoothing"])
-        noise = input_noise(data.recording, system, offline, train)
+        positions = compares_position(cfg["model"]["loss"].get("compare"), train, system)
+        noise = input_noise(data.recording, system, offline, train, positions)
         state, more = _state(cfg, train, mobility(system, train), noise)
         return StateModel(**common, **own | {"scales": own["scales"] | more}, state=state)
     return kind(**common, **own)

@@ -292,6 +292,8 @@ def test_the_pendulum_obeys_its_equation_of_motion_up_to_the_ends_of_its_runs(fr
     for trial, end in ((run[0], slice(0, 5)), (run[-1], slice(-5, None)), (raw, slice(0, 5))):
         implied = contact_signals(system, trial.signals)["friction_force"]
         assert abs(implied[end]).max() < 0.05 * abs(weight * np.sin(trial.signals["theta"])).max()
+    assert run[0].derived == (("omega", "alpha") if from_angle else ("alpha",))
+    assert raw.derived == ("omega", "alpha")
 
 
 @measured

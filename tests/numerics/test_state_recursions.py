@@ -55,8 +55,8 @@ def test_the_hand_derived_gradient_agrees_with_differences(mobility, damping, an
     along = drive(n, mobility, anew=anew, pulled=pulled)
 
     def scalar(*values: torch.Tensor) -> torch.Tensor:
-        force, slip, _ = Recursion.apply(*values, GRID, along)
-        return (force * torch.arange(n) / n).sum() + (slip**2).sum()
+        force, slip, _, left = Recursion.apply(*values, GRID, along)
+        return (force * torch.arange(n) / n).sum() + (slip**2).sum() + (left**2 * torch.arange(n)).sum()
 
     slopes = torch.autograd.grad(scalar(*leaves), leaves)
     for place, (leaf, slope) in enumerate(zip(leaves, slopes, strict=True)):
@@ -104,7 +104,7 @@ def test_one_bristle_moves_a_drive_as_lugre_friction_does():
     model = friction(values)
     along = Drive(np.zeros(400), np.full(400, 1.0), np.full(400, 1 / 400), np.eye(400)[0], np.zeros(400), 0.5, 4)
     zeros = torch.zeros(1, dtype=torch.float64)
-    told, slip, _ = Recursion.apply(
+    told, slip, *_ = Recursion.apply(
         zeros[None], torch.from_numpy(model.tables), torch.from_numpy(model.elements), zeros[0],
         torch.from_numpy(force / 2.0), torch.zeros(1, 2, dtype=torch.float64), model.grid, along,
     )  # fmt: skip
@@ -158,12 +158,14 @@ def test_gravity_acts_back_on_a_pendulum_that_leaves_the_measured_motion(mu_c, s
                   seen["v_slip"], motion_feedback(system, measured))  # fmt: skip
     tables = model.tables * np.array([0.5, 1.0])[:, None, None]  # under a load of 2, where the preload is 1
     zeros = torch.zeros(1, dtype=torch.float64)
-    _, slip, _ = Recursion.apply(
+    _, slip, _, away = Recursion.apply(
         zeros[None], torch.from_numpy(tables), torch.from_numpy(model.elements), zeros[0],
         torch.from_numpy(seen["a_frictionless"].copy()), torch.tensor([off]).double(), model.grid, along,
     )  # fmt: skip
     left = np.abs(true["omega"] - measured["omega"]).max()
     assert np.abs(slip.numpy() - true["omega"]).max() < 0.05 * left + 1e-3
+    aside = true["theta"] - measured["theta"]
+    assert np.abs(away.numpy() - aside).max() < 0.05 * np.abs(aside).max() + 1e-3
 
 
 @settings(deadline=None, max_examples=40)
