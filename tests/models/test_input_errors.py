@@ -87,12 +87,12 @@ def test_errors_of_an_acceleration_whose_position_is_measured_keep_their_lack_of
 
 def test_how_far_a_measured_position_is_off_the_smoothed_one_is_the_noise_of_the_slip(data):
     from frictionpinn.data.input_noise import input_noise
+    from frictionpinn.data.noise import GaussianNoise
     from frictionpinn.numerics.kalman import KalmanSmoother
 
     system, train = SYSTEMS["pob"](), data.select("train")
     for trial in train:
         np.testing.assert_allclose(trial.off_position, trial.measured["x"] - trial.smoothed["x"], atol=1e-12)
     told = input_noise(data.recording, system, KalmanSmoother(), train, positions=True)
-    noise = np.concatenate([t.measured["x"] - t.truth["x"] for t in train])
-    assert told["position_noise"] == pytest.approx(np.std(noise), rel=0.1)
+    assert told["position_noise"] == pytest.approx(GaussianNoise(level=0.05).levels(data.recording)["x"], rel=0.15)
     assert told["start_time"] > 0 and told["assumed"] == 0.0
