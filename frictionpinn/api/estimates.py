@@ -19,7 +19,7 @@ from ..physics.mechanism import Mechanism
 from ..progress import clock
 from ..workflow.configs import written
 from ..workflow.diagnose import examine
-from ..workflow.estimate import estimate
+from ..workflow.estimate import NETWORKS, estimate
 from ..workflow.options import composed
 from ..workflow.vet import admit
 
@@ -67,9 +67,22 @@ def fit(
     """
     extensions.load()
     known_options("fit", options, [*_parameters_of(Problem.__init__)[3:], "epochs", "simulations"])
+    if method in NETWORKS:
+        _of_network(method, mechanism, options)
     admit(mechanism.system, recording, check, options.get("free") or ())
     with clock():
         return estimate(method, mechanism, recording, start=start, seed=seed, **options)
+
+
+def _of_network(method: str, mechanism: Mechanism, options: Mapping[str, Any]) -> None:
+    """Raise :class:`UserError` for what a network cannot take into account: it would be left out without a word."""
+    known = ("bounds", "fixed", "epochs")
+    left = [f"effects={[e.name for e in mechanism.effects]}"] if mechanism.effects else []
+    left += [f"{key}={value!r}" for key, value in options.items() if key not in known and value is not None]
+    if left:
+        raise UserError("a network estimates the parameters of the law alone", where=f"fit(method={method!r})",
+                        received=", ".join(left), allowed=", ".join(known),
+                        fix="leave it out, or take method='maximum_likelihood'")  # fmt: skip
 
 
 def bound(mechanism: Mechanism, recording: Recording, values: Values, **options: Any) -> Bound:

@@ -113,7 +113,10 @@ def _between_gaps(trial: Trial, rows: np.ndarray, notes: list[str]) -> list[tupl
     spans = [slice(a, b) for a, b in pairwise(edges) if b - a >= MIN_SAMPLES]
     if not spans:
         return [(trial, rows)]
-    notes.append(f"{len(wide)} gaps of up to {step[wide].max():.3g} s: cut there into {len(spans)} trials")
+    left = len(trial) - sum(span.stop - span.start for span in spans)
+    short = f", {left} samples in parts shorter than {MIN_SAMPLES} left out" if left else ""
+    into = f"{len(spans)} trials" if len(spans) > 1 else "one trial"
+    notes.append(f"{len(wide)} gaps of up to {step[wide].max():.3g} s: cut there into {into}{short}")
     names = [trial.name] if len(spans) == 1 else [f"{trial.name}[{k}]" for k in range(len(spans))]
     return [(trial.part(span, name), rows[span]) for name, span in zip(names, spans, strict=True)]
 

@@ -124,7 +124,7 @@ def derivative_findings(system: System, trials: Sequence[Sampled], sigmas: dict[
     told = {pair: relations(*pair) for c in system.moving for pair in pairwise(c.signals) if {*pair} <= {*present}}
     judged = {pair: r for pair, r in told.items() if r is not None}
     if all(r.right and not r.late for r in judged.values()):
-        return [f for pair, r in judged.items() for f in _offset(pair, r, units)]
+        return [f for pair, r in judged.items() for f in _offset(pair, r)]
     if clock := _clock(judged):
         return [clock]
     if any(not (r.goes and abs(r.scale) > 0) or r.rescaled for r in judged.values()) and (
@@ -134,7 +134,7 @@ def derivative_findings(system: System, trials: Sequence[Sampled], sigmas: dict[
     findings: list[Finding] = []
     for own in coordinates:
         mine = {pair: r for pair, r in judged.items() if pair[0] in own}
-        findings += _of_coordinate(mine, own, units, relations, present)
+        findings += _of_coordinate(mine, units, relations, present)
     return findings
 
 
@@ -173,7 +173,7 @@ def _swapped(
 
 
 def _of_coordinate(
-    mine: dict[Pair, Relation], own: list[str], units: dict[str, str], relations: Relations, present: list[str]
+    mine: dict[Pair, Relation], units: dict[str, str], relations: Relations, present: list[str]
 ) -> list[Finding]:
     wrong = {pair: r for pair, r in mine.items() if not r.right or r.late}
     if not wrong:
@@ -255,7 +255,7 @@ def _late(name: str, lag: float, than: str) -> Finding:
                    "record without that filter, shift the column, or leave it out")  # fmt: skip
 
 
-def _offset(pair: Pair, r: Relation, units: dict[str, str]) -> list[Finding]:
+def _offset(pair: Pair, r: Relation) -> list[Finding]:
     """A signal with a constant that the rate has not: an accelerometer that shows gravity."""
     if abs(r.offset) <= 1.0:  # of its standard deviation: less is the diagnosis's (sensor_bias)
         return []

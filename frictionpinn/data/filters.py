@@ -6,7 +6,7 @@ jump between two samples does no harm.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -102,11 +102,6 @@ def clear(trials: Sequence[Sampled], name: str, sigma: float, width: float, orde
     noise = float(np.mean([noise_gain(t, width, order) for t in trials])) * sigma**2
     whole = float(np.var(np.concatenate(parts)))
     return max(1 - noise / whole, 0.0) if whole > 0 else 0.0, max(whole - noise, 0.0)
-
-
-def pooled(trials: Sequence[Sampled], table: Mapping[str, float]) -> list[Sampled]:
-    """The trials that have every signal of a table."""
-    return [t for t in trials if all(name in t.signals for name in table)]
 
 
 def smooth_motion(

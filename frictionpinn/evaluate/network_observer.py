@@ -72,7 +72,7 @@ class NetworkObserver:
         self.gain = min(misses, key=misses.__getitem__)
 
     def _miss(self, trial: ContactTrial, gain: float) -> float:
-        """Mean square of the velocities' innovations, and the positions', over what each is without correction."""
+        """Mean square of the velocities' innovations, and the positions', over the variance of what was measured."""
         march = _Corrected(self.system, self.model, _first(trial, TUNED_ON), gain)
         try:
             march.run()

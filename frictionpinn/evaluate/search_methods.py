@@ -1,7 +1,8 @@
 """Search methods that people use: Nelder-Mead, a genetic algorithm, nonlinear least squares by finite differences.
 
-All search the same coordinates within the same bounds, from the same start, on the same simulator and the same cost as
-maximum likelihood, with the inputs fixed at their smoothed paths: what differs is the method.
+All search the same coordinates within the same bounds, from the same start and on the same simulator as maximum
+likelihood, with the inputs fixed at their smoothed paths: what differs is the method. Least squares minimises the
+squares alone: it has neither the robust loss of a law that jumps nor what is known beforehand, as the others' cost has.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ class Objective:
         return cost
 
     def residuals(self, u: np.ndarray) -> np.ndarray:
-        """Weighted residuals of all signals and trials; half their sum of squares is the cost."""
+        """Weighted residuals of all signals and trials, NaN as 0; no prior among them."""
         state = self.state(u)
         if state is None:
             size = sum(model.y.size for model in self.models)

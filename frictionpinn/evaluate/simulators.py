@@ -198,12 +198,12 @@ def run_bullet(system: System, path: InputPath, y0: Mapping[str, float], p: Mapp
             localInertiaDiagonal=[0, 0, 0], physicsClientId=client,
         )  # fmt: skip
         pybullet.resetBaseVelocity(box, [y0.get("v", 0.0), 0, 0], physicsClientId=client)
-        return _march_bullet(pybullet, client, box, system, path, mass, p["linearDamping"], substeps, h)
+        return _march_bullet(pybullet, client, box, system, path, mass, substeps, h)
     finally:
         pybullet.disconnect(client)
 
 
-def _march_bullet(bullet, client, box, system, path, mass, damping, substeps, h) -> Simulation:
+def _march_bullet(bullet, client, box, system, path, mass, substeps, h) -> Simulation:
     times = path.t[0] + h * np.arange((len(path.t) - 1) * substeps + 1)
     samples = np.array([path(time) for time in times]).T
     signals = dict(zip(path.names, samples, strict=True)) | {name: np.zeros(len(times)) for name in ("x", "v", "a")}

@@ -86,6 +86,10 @@ def maximum_likelihood(
     """
     began = time.perf_counter()
     if isinstance(mechanism, Problem):
+        if recording is not None or options:
+            raise UserError("a problem has its recording and options", where="maximum_likelihood",
+                            received=", ".join([*["recording"][: recording is not None], *options]),
+                            allowed="start, thorough, profiles", fix="give them to the problem")  # fmt: skip
         problem = mechanism
     elif recording is None:
         raise UserError("no recording to estimate from", where="maximum_likelihood", fix="give a recording")

@@ -137,10 +137,12 @@ def finish(
     low, high = space.limits
     near = np.where(positive & np.isfinite(high - low), 1e-4 * (high - low), 0.0)  # one that may be 0 ends there
     at = (state.u - low <= near) | (high - state.u <= near)
-    value, ends = space.named(state.u), [names[i] for i in np.flatnonzero(at)]
+    value, ends = space.named(state.u), np.flatnonzero(at)
     table = {par.name: par for par in problem.mechanism.parameters}
-    at_limit = [n for n in ends if table[n].linear and value[n] in (table[n].low, table[n].high)]
-    at_bound = [name for name in ends if name in problem.bounded and name not in at_limit]
+    physical = [space.low[i] == table[n].low if state.u[i] - low[i] <= near[i] else space.high[i] == table[n].high
+                for i, n in enumerate(names)]  # fmt: skip
+    at_limit = [names[i] for i in ends if table[names[i]].linear and physical[i]]
+    at_bound = [names[i] for i in ends if names[i] in problem.bounded and names[i] not in at_limit]
 
     outputs = problem.channels.outputs
     rows = {name: [np.nan_to_num(piece.residuals[name] / sigmas[name]) for piece in state.pieces] for name in outputs}

@@ -221,6 +221,8 @@ def check_same_model(checkpoint: Mapping[str, Any], hparams: Mapping[str, Any], 
 def _identity(hparams: Mapping[str, Any]) -> dict[str, Any]:
     """What must agree before a checkpoint's weights and the optimizer's state mean the same."""
     own = {key: hparams.get(key) for key in ("name", "inputs", "windows", "network", "bristle", "share")}
+    state = hparams.get("state") or {}
+    own["state"] = {key: state[key] for key in ("elements", "gaps", "delay") if state.get(key)}
     own["ensemble"] = len(hparams.get("members") or [None])
     own["system"] = (hparams.get("context") or {}).get("system")
     own["optimizer"] = (hparams.get("optimizer") or {}).get("name")

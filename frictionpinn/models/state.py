@@ -28,7 +28,7 @@ from .segments import GATE, SEGMENT, TRIAL, curved, segments, through
 from .state_start import find_start
 
 STEPS = 4  # of the recursion per sample: slip velocity to 1e-4 m/s on the pendulum on a box at 400 Hz
-GAIN = 0.05  # share of that correction, per sample, where the model is used online
+GAIN = 0.05  # share by which the slip velocity is corrected to the measured one, per sample, online
 PRESLIDING = 1e-2  # share of v^2 / a that a bristle bends: where its training starts
 SHARP = -3.0  # where training starts: n = 1.05, an exponential saturation, whose step is nearly exact
 FAR = 50.0  # noises: a residual that diverged

@@ -109,7 +109,7 @@ def jump(h, P, deviations):
 
 
 @numba.njit(cache=True)
-def inform(information, gain, spread, c, product):
+def inform(information, gain, spread, c):
     """Replace N by e_c e_c' / s + L' N L with L = I - K e_c', in place."""
     size = len(gain)
     column = np.zeros(size)
@@ -129,7 +129,7 @@ def inform(information, gain, spread, c, product):
 def backward(t, density, predicted, covariances, gains, errors, spreads, means, scores):
     """Overwrite the filtered ``means`` by the smoothed ones and ``scores`` by the evidence of jumps."""
     n, size = means.shape
-    information, product = np.zeros((size, size)), np.zeros((size, size))
+    information = np.zeros((size, size))
     F, Q, adjoint, before = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size), np.zeros(size)
     for k in range(n - 1, -1, -1):
         for c in range(2, -1, -1):
@@ -138,7 +138,7 @@ def backward(t, density, predicted, covariances, gains, errors, spreads, means, 
                 for i in range(size):
                     change -= gains[k, c, i] * adjoint[i]
                 adjoint[c] += change
-                inform(information, gains[k, c], spreads[k, c], c, product)
+                inform(information, gains[k, c], spreads[k, c], c)
         if information[2, 2] > 0:
             scores[k] = adjoint[2] ** 2 / information[2, 2]
         for i in range(size):

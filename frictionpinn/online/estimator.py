@@ -50,7 +50,7 @@ class OnlineEstimator:
         mechanism: system and friction law; effects may act on the mechanism, not on its sensors.
         parameters: values by name, SI units: identified, of a trained estimator, or known.
         tuning: see :func:`frictionpinn.online.tune`.
-        adapt: parameter -> relative change per square root of a second of sliding (see :mod:`.surface`); such a
+        adapt: parameter -> relative change per square root of a second of sliding; such a
             parameter is estimated along with the state.
         share: what the model may leave out of a sample's acceleration, relative to the typical one.
         covariance: of the logarithms of the parameters that adapt, at the start, in the order of ``adapt``; None: they

@@ -25,7 +25,6 @@ from ..show import LOOKS, readable_unit
 from .words import number, span
 
 KINDS = {"force": "a torque", "friction": "friction"}
-WIDTH = 100  # of a line of text
 
 
 def headline(d: RobotDiagnosis) -> str:

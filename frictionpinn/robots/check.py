@@ -25,9 +25,10 @@ from ..physics.robot_joint import RobotJoint
 from ..physics.system import Coordinate, Input
 from .check_balance import balance_findings, regress, torque_columns
 from .motion import Prepared, prepare, rate_of
+from .recording import robot_units
 
 LIMIT = 3.0  # times a limit of the file: makers allow overload for moments, and users write limits of their own
-MOVES = 0.02  # rad/s or m/s rms below which a joint stands still: 1 degree a second
+MOVES = 0.02  # rad or m between the ends of its motion, less of which is a joint that stands still: 1 degree
 ONE_WAY = 0.02  # share of the time by which a joint must move the other way, too
 UNTOLD = 1e-4  # of the largest singular value of scaled columns: a parameter there is known a hundred times worse
 USUAL_LOAD = 0.05  # friction by transmitted torque in gears
@@ -49,7 +50,7 @@ def inspect_robot(robot: Robot, recording: Recording, motor: bool = True) -> lis
             return [Finding(str(error), grave=True)]
     findings = [f for k in range(len(robot.joints)) for f in _of_joint(robot, recording, k)]
     findings += _alike(robot, recording)
-    findings += (still := _standing(robot, recording))
+    findings += _standing(robot, recording)
     if not any(f.grave for f in findings):
         try:
             trials = prepare(_shortened(recording), robot, Base.of(robot))
@@ -59,7 +60,7 @@ def inspect_robot(robot: Robot, recording: Recording, motor: bool = True) -> lis
         if not any(f.grave for f in findings):
             findings += balance_findings(robot, trials, motor)
             if not any(f.grave for f in findings):
-                findings += _told(robot, trials, [f.what for f in still])
+                findings += _told(robot, trials)
     return sorted(findings, key=lambda f: not f.grave)
 
 
@@ -70,12 +71,16 @@ def _shortened(recording: Recording) -> Recording:
 
 def _of_joint(robot: Robot, recording: Recording, k: int) -> list[Finding]:
     """Single channels of a joint, and its velocity against its position."""
+    told = robot_units(robot)
+    length, force = told[f"q_{k + 1}"], told[f"tau_{k + 1}"]
     kind = type(
         "OneJoint",
         (RobotJoint,),
         {
-            "coordinates": (Coordinate("q", (f"q_{k + 1}", f"v_{k + 1}", f"a_{k + 1}"), ("rad", "rad/s", "rad/s^2")),),
-            "inputs": (Input(f"tau_{k + 1}", "N*m", "torque"),),
+            "coordinates": (
+                Coordinate("q", (f"q_{k + 1}", f"v_{k + 1}", f"a_{k + 1}"), (length, f"{length}/s", f"{length}/s^2")),
+            ),
+            "inputs": (Input(f"tau_{k + 1}", force, "torque or force of the motor"),),
             "applied": lambda self, s, p: {"q": getattr(s, f"tau_{k + 1}_in", 0) or 0},
         },
     )
@@ -168,7 +173,7 @@ def _limits(robot: Robot, trials: Sequence[Prepared]) -> list[Finding]:
     return findings
 
 
-def _told(robot: Robot, trials: Sequence[Prepared], still: Sequence[str]) -> list[Finding]:
+def _told(robot: Robot, trials: Sequence[Prepared]) -> list[Finding]:
     """What this motion cannot tell: inertial parameters, and a friction that depends on the load."""
     findings: list[Finding] = []
     W = np.concatenate([t.Y_filtered.reshape(-1, t.Y_filtered.shape[2]) for t in trials])

@@ -241,7 +241,7 @@ def _leaning(
         W[rows, 3 + 4 * k : 7 + 4 * k] = columns[k][:, 2:] / level[k]
     wanted = np.concatenate([(tau[:, k] - columns[k][:, 1]) / level[k] for k in range(n)])
     c = np.linalg.lstsq(W, wanted, rcond=1e-10)[0]
-    share = 1 - float(np.var(wanted - W @ c)) / n * n
+    share = 1 - float(np.var(wanted - W @ c))
     before = float(np.mean([f.share for f in own]))
     direction = c[:3] / max(float(np.linalg.norm(c[:3])), 1e-9)
     lean = np.degrees(np.arccos(np.clip(direction @ robot.model.gravity.linear / size, -1, 1)))

@@ -72,7 +72,8 @@ def hand_on(
     motion: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
     forms: Sequence[str] = ("mjcf", "urdf", "isaaclab", "bam"),
 ) -> HandedOn:
-    """Write an arm in other simulators' forms, each to ``<folder>/<form>/``, and ``torque_error.json`` beside them.
+    """Write an arm in other simulators' forms, each with ``torque_error.json`` to ``<folder>/<form>/``, and
+    ``torque_error.txt`` beside them.
 
     Args:
         arm: with its values.

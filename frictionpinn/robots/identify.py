@@ -84,13 +84,14 @@ def declare(
         for full, par in model.parameters(k).items():
             given = {**(start or {}), **(fixed or {})}
             value = given.get(full, given.get(par.name))
-            values[full] = float(_usual(par, each[k]) if value is None else value)
+            values[full] = float(_usual(par) if value is None else value)
             held = full in (fixed or {}) or par.name in (fixed or {})
             if not (held or par.hidden or par.name == "preload" or (par.value is not None and par.neutral is None)):
                 free.append(full)
     known = {*values, *(n.rpartition(".")[2] for n in values)}
-    for name in (*(fixed or {}), *(start or {})):
-        choose(name, dict.fromkeys(known), "friction.fixed")
+    for key, asked in (("fixed", fixed), ("start", start)):
+        for full in asked or {}:
+            choose(full, dict.fromkeys(known), f"friction.{key}")
     priors = {}
     if inertia == PRIOR:
         priors = {
@@ -100,7 +101,7 @@ def declare(
     return replace(model, values=values, free=tuple(free), priors=priors)
 
 
-def _usual(par, law: FrictionLaw) -> float:
+def _usual(par) -> float:
     """A value to begin with, before any recording was seen."""
     if par.value is not None:
         return par.value

@@ -136,7 +136,7 @@ def _reduced(arm: Arm, k: int, target: Target, own: Mechanism, seen: Mapping, F:
     static = made.get("mu_s", made.get("mu_c", 0.0))
     if "mu_s" in have and "mu_s" not in made and have["mu_c"] > 0:
         static *= have["mu_s"] / have["mu_c"]
-    left_out = _left_out(own, mechanism, have, made)
+    left_out = _left_out(own, have, made)
     off, inertia = (float(np.sqrt(np.mean(np.square(x)))) / size for x in (error, lost))
     return Reduced(arm.names[k], target.name, made, static, float(arm.armature[k]), left_out, off, inertia)
 
@@ -156,7 +156,7 @@ def _start(mechanism: Mechanism, own: Mechanism, have: Mapping[str, float]) -> d
     return {name: float(other.get(name, 0.0) if value is None else value) for name, value in start.items()}
 
 
-def _left_out(own: Mechanism, mechanism: Mechanism, have: Mapping[str, float], made: Mapping[str, float]) -> tuple:
+def _left_out(own: Mechanism, have: Mapping[str, float], made: Mapping[str, float]) -> tuple:
     """Parameters of a joint that say something and that its target lacks, or has another value of."""
     silent, neutral = {"preload", "v_t", "v_sign", "tied_inertia"}, {par.name: par.neutral for par in own.parameters}
     if have.get("mu_s") == have.get("mu_c"):

@@ -15,7 +15,7 @@ from ..data.read import read_recording
 from ..data.recording import Recording
 from ..data.sets import load_public
 from ..data.simulated import simulate_recording
-from ..data.thresholds import OFF
+from ..data.thresholds import JITTER
 from ..errors import UserError, choose, nearest
 from ..numerics.kalman import KalmanFilter, KalmanSmoother
 from ..numerics.smoothing import NoSmoothing, SavitzkyGolay, Smoother, SmoothingSpline
@@ -204,9 +204,9 @@ def few(names: Sequence[str]) -> str:
 
 
 def at_one_rate(recording: Recording) -> Recording:
-    """The trials at the slowest one's rate, where theirs differ by more than a quarter: networks count samples."""
+    """The trials at the slowest one's rate, where theirs differ by more than clocks do: networks count samples."""
     rates = [1.0 / float(np.median(np.diff(trial.t))) for trial in recording.trials]
-    if max(rates) < OFF * min(rates):
+    if max(rates) <= (1 + JITTER) * min(rates):
         return recording
     told = f"trials recorded at {min(rates):.4g} to {max(rates):.4g} Hz: all at {min(rates):.4g} Hz (data.rate_hz)"
     trials = [resample(thin(trial, min(rates)), min(rates)) for trial in recording.trials]

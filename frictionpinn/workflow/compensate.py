@@ -128,11 +128,10 @@ def _motions(
 
 def _plant(cfg: Config, declared: Mechanism) -> Plant:
     machine, simulate = cfg["machine"], cfg["system"]["simulate"]
-    if simulate["friction"] not in LAWS:
-        raise UserError("unknown law of the machine", where="system.simulate.friction", received=simulate["friction"])
+    law = choose(simulate["friction"], LAWS, "system.simulate.friction")
     tables = machine["effects"] or {}
     effects: tuple[str | Effect, ...] = tuple(tables)
-    true = Mechanism(declared.system, LAWS[simulate["friction"]](), effects)  # type: ignore[arg-type]
+    true = Mechanism(declared.system, law(), effects)  # type: ignore[arg-type]
     truth = dict(simulate["truth"]) | {k: v for table in tables.values() for k, v in (table or {}).items()}
     true.check_names(truth, "machine")
     for key in ("resolution", "delay", "limit"):

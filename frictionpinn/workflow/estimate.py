@@ -23,7 +23,7 @@ from ..identify.result import CONVERGED, Estimate
 from ..physics.base import contact_of, plain_name
 from ..physics.mechanism import Mechanism
 from ..progress import shorter
-from .build import Config, build_smoothing
+from .build import Config, at_one_rate, build_smoothing
 from .configs import CONF, Configs
 from .contact_options import options_of
 from .experiment import build_model, frictional
@@ -117,6 +117,7 @@ def network(
     L.seed_everything(seed, verbose=False)
     offline, online = build_smoothing(cfg["smoothing"])
     own = frictional(cfg, mechanism.system)
+    recording = at_one_rate(recording)
     trials = contact_trials(recording, mechanism.system, offline, online, recording.names, own)
     data = TrajectoryData(recording, trials, {"train": recording.names, "validation": [], "held_out": []})
     model = build_model(cfg, mechanism.system, data)

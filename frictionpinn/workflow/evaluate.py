@@ -51,7 +51,7 @@ def evaluate(cfg: Config) -> dict[str, Any]:
     _check(cfg)
     trained, home, model = load_run(cfg["run"])
     simulated = trained["data"]["name"] == "simulated"
-    _require_own_contacts(trained, home, cfg.get("system"))
+    _require_own_contacts(home, cfg.get("system"))
     if not simulated:
         _require_own_system(trained, cfg.get("system"))
     away = transferred(trained, cfg.get("system"), cfg["trajectories"]) if simulated else trained
@@ -107,7 +107,7 @@ def _require_own_system(trained: Config, system: Mapping[str, Any] | None) -> No
         )
 
 
-def _require_own_contacts(trained: Config, home: System, system: Mapping[str, Any] | None) -> None:
+def _require_own_contacts(home: System, system: Mapping[str, Any] | None) -> None:
     if len(home.contacts) > 1 and system is not None and system["name"] != home.name:
         raise UserError("a model of several contacts is of their system alone", where="system",
                         received=system["name"], allowed=home.name, fix="leave system out")  # fmt: skip

@@ -145,7 +145,7 @@ def _state(
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Options of a :class:`StateModel`, and the scales that it needs beside those of every model.
 
-    Without a mobility and ``noise`` (:func:`.input_noise.input_noise`) it follows the measured motion.
+    Without a mobility and ``noise`` (:func:`..data.input_noise.input_noise`) it follows the measured motion.
     """
     options = mapping(cfg["model"], "state", "model")
     elements = options.get("elements", 1)

@@ -20,7 +20,7 @@ from ..export.state_onnx import write_state_onnx
 from ..models import StateModel
 from ..physics import System
 from ..physics.base import at_contact, contact_of, plain_name
-from .build import Config, build_recording
+from .build import Config, at_one_rate, build_recording
 from .load import load_run, refined
 from .manifest import write_json
 from .provenance import commit, versions
@@ -103,5 +103,5 @@ def sampling_interval(trained: Config, system: System) -> float:
     data = trained["data"]
     if data["name"] == "simulated":
         return 1.0 / float(data["rate_hz"])
-    trial = build_recording(data, system).trials[0]
+    trial = at_one_rate(build_recording(data, system)).trials[0]
     return float(np.median(np.diff(trial.t)))

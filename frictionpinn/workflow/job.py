@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import atexit
 import json
-import logging
 import os
 import signal
 import subprocess
@@ -20,7 +19,6 @@ from .manifest import MANIFEST, read_json, result_of, set_status, status_of
 from .swept import KINDS
 from .threads import THREADS
 
-log = logging.getLogger(__name__)
 UNWRITTEN = "nothing can be written to its folder; is the disk full?"
 
 

@@ -12,7 +12,7 @@ from .configs import quote
 from .manifest import MANIFEST, RESULT, read_manifest
 from .options import parsed
 
-_MANNER = ("hydra", "trainer.threads", "trainer.progress_bar", "trainer.max_epochs")
+_MANNER = ("hydra", "threads", "trainer.threads", "trainer.progress_bar", "trainer.max_epochs")
 
 
 def resumed(arguments: Sequence[str]) -> list[str]:

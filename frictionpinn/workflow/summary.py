@@ -35,7 +35,8 @@ def summarise_sweep(folder: Path, jobs: Sequence[Job], told: str) -> list[Row]:
         os.replace(temporary, folder / "summary.png")
     print_table(grouped, keys)
     finished = sum(item["state"] == "finished" for item in rows)
-    print(f"{finished} of {len(rows)} jobs finished; summary.csv, groups.csv and summary.png are in {told}", flush=True)
+    files = "summary.csv, groups.csv" + (" and summary.png" if (folder / "summary.png").exists() else "")
+    print(f"{finished} of {len(rows)} jobs finished; {files} are in {told}", flush=True)
     return rows
 
 

@@ -169,6 +169,9 @@ def test_a_checkpoint_of_another_network_is_refused_and_its_own_accepted(make):
     check_same_model({"hyper_parameters": hparams}, dict(make("pe2").hparams))
     with pytest.raises(UserError, match=r"another model: .*width"):
         check_same_model({"hyper_parameters": hparams}, dict(make("pe2", network={"width": 8}).hparams))
+    with pytest.raises(UserError, match=r"ckpt_path is state.elements = None; allowed: state.elements = 2"):
+        remembering = {"elements": 2, "gaps": False, "lr": 1e-2}
+        check_same_model({"hyper_parameters": hparams}, {**hparams, "state": remembering})
     shifted = {**hparams, "law": {**hparams["law"], "start": {**hparams["law"]["start"], "mu_c": 1e-3}}}
     with pytest.raises(UserError, match=r"ckpt_path is friction.start.mu_c = 0.001"):
         check_same_model({"hyper_parameters": shifted}, hparams)

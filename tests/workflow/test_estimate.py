@@ -55,3 +55,17 @@ def test_refining_a_trained_network_writes_intervals_beside_the_truth(tmp_path):
 def test_a_black_box_cannot_be_refined(tmp_path):
     with pytest.raises(UserError, match="no parameters to refine"):
         train(default_config(["model=bb1", "refine=true"]), tmp_path)
+
+
+def test_what_a_network_or_a_problem_cannot_take_into_account_is_refused(drive):
+    import frictionpinn as fp
+    from frictionpinn.identify import Problem, maximum_likelihood
+
+    mechanism, recording = drive
+    dragged = Mechanism(mechanism.system, mechanism.law, ("drag",))
+    with pytest.raises(UserError, match=r"law alone: .* is effects=\['drag'\]; allowed: bounds, fixed"):
+        fp.fit(dragged, recording, method="pe1")
+    with pytest.raises(UserError, match=r"law alone: .* is windows=4"):
+        fp.fit(mechanism, recording, method="pe2", windows=4)
+    with pytest.raises(UserError, match=r"its recording and options: maximum_likelihood is recording, windows"):
+        maximum_likelihood(Problem(mechanism, recording), recording, windows=2.0)

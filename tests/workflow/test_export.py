@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from frictionpinn.errors import UserError
-from frictionpinn.workflow.export import export
+from frictionpinn.workflow.export import export, sampling_interval
 from frictionpinn.workflow.load import refined
 
 
@@ -34,3 +36,16 @@ def test_a_refinement_that_failed_is_not_handed_on(tmp_path):
     (tmp_path / "result.json").write_text(json.dumps({"refined": {"parameters": {"mu_c": {"value": None}}}}))
     with pytest.raises(UserError, match="a refined parameter has no value"):
         refined(tmp_path)
+
+
+def test_the_time_between_samples_is_that_of_the_trials_as_a_network_saw_them(tmp_path):
+    from frictionpinn.physics import SYSTEMS
+    from frictionpinn.workflow.options import composed
+
+    for trial, rate in (("a", 1000), ("b", 200)):
+        t = np.arange(2 * rate) / rate
+        columns = {"t": t, "x": np.cos(6 * t), "v": -6 * np.sin(6 * t), "force": np.sin(6 * t)}
+        pd.DataFrame(columns).to_csv(tmp_path / f"{trial}.csv", index=False)
+    paths = f"data.path=[{tmp_path}/a.csv,{tmp_path}/b.csv]"
+    trained = composed("train", ["system=drive", "data=csv", paths, "data.held_out=[]"])
+    assert sampling_interval(trained, SYSTEMS["drive"]()) == pytest.approx(1 / 200)
