@@ -34,12 +34,14 @@ class Steps:
         self.done, self.began = 0, time.perf_counter()
         self.told = self.began
 
-    def finish(self, what: str) -> None:
-        """Tell that one more is done."""
+    def finish(self, what: str, done: int | None = None) -> None:
+        """Tell that one more is done; ``done``: how many are, where what was done can be undone."""
         rest = self._rest()
+        if done is not None:
+            rest = rest * max(self.total - done, 0) / max(self.total - self.done, 1)
         at_most = "at most " if self.most else ""
         left = f", {at_most}about {in_words(rest)} left" if rest > SHORT else ""
-        log.info(f"{what} ({self.done} of {at_most}{self.total}{left})")
+        log.info(f"{what} ({self.done if done is None else done} of {at_most}{self.total}{left})")
         self._why(rest)
 
     def step(self) -> None:

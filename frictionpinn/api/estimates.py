@@ -67,6 +67,9 @@ def fit(
     """
     extensions.load()
     known_options("fit", options, [*_parameters_of(Problem.__init__)[3:], "epochs", "simulations"])
+    if isinstance(options.get("free"), str):
+        raise UserError("not a list of parameters", where="free", received=repr(options["free"]),
+                        allowed=f"[{options['free']!r}]")  # fmt: skip
     if method in NETWORKS:
         _of_network(method, mechanism, options)
     admit(mechanism.system, recording, check, options.get("free") or ())

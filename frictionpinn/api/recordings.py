@@ -50,7 +50,10 @@ def read(path: Paths, system: System | str, **options: Any) -> Recording:
         if key not in cfg:
             raise UserError("unknown option", where="read", received=key, allowed=", ".join(cfg),
                             fix=nearest(key, cfg) or "use one of the allowed names")  # fmt: skip
-    paths = [path] if isinstance(path, str | os.PathLike) else list(path)
+    paths = [path] if isinstance(path, str | os.PathLike) else path
+    if not isinstance(paths, list | tuple) or not all(isinstance(item, str | os.PathLike) for item in paths):
+        raise UserError("not a file", where="read", received=type(path).__name__, allowed="a path, or a list of paths",
+                        fix="write a table to a file first, table.to_csv(...)")  # fmt: skip
     where = {"path": [os.fspath(item) for item in paths]}
     return build_recording(cfg | options | where, made_system(system, "read"))
 

@@ -177,7 +177,8 @@ def _missing_forces(system: System, motions: Sequence[Motion], found: Balance) -
         n: v for n, v in system.values.items() if v is not None and (n in names or _inertial(system, n))
     }
     times = 1.0 if other.inertia is None or 1 / OFF < other.inertia < OFF else other.inertia
-    told = ", ".join(f"{n} = {other.forces.get(n, times * v):.3g} in place of {v:g}" for n, v in now.items())
+    told = ", ".join(f"{n} = {other.forces.get(n, times * v):.3g} in place of {v:g}" for n, v in now.items()
+                     if n in names or times != 1.0)  # fmt: skip
     advice = "set them in system.parameters, or let them be estimated (diagnose.free; in Python free)"
     return Finding(f"force and motion fit with {told}", advice, grave=True)
 

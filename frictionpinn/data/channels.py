@@ -7,13 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..numerics.motion_function import motion_function
 from ..numerics.quantisation import quantisation_step
 from ..physics import System
 from ..show import readable_unit
-from .filters import Sampled, clear, widths
+from .filters import Sampled, clear, smooth_motion, widths
 from .findings import NO_SLIP, Finding
 from .recording import Recording
-from .thresholds import AT_REST, HELD, LEVELS, NEAR_END, PILED, SURE, TURNS
+from .thresholds import AT_REST, HELD, LEVELS, NEAR_END, ONE_WAY, PILED, SURE, TURNS
 
 
 def channel_findings(system: System, recording: Recording, trials: Sequence[Sampled]) -> list[Finding]:
@@ -113,6 +114,27 @@ def slip_findings(system: System, trials: Sequence[Sampled], sigmas: dict[str, f
     sizes = ", ".join(f"{n} {value:.2g}" for n, value in rms.items())
     return [Finding(f"{NO_SLIP}: no friction can be told ({sizes} rms, no more than noise)",
                     "record a motion that breaks loose, or check the columns", grave=True)]  # fmt: skip
+
+
+def one_way_findings(system: System, trials: Sequence[Sampled], sigmas: dict[str, float]) -> list[Finding]:
+    """Contacts that slip in one direction: there dry friction, its asymmetry and a constant force are the same."""
+    told = [any(name in sigmas for name in c.signals[:2]) for c in system.moving]  # an acceleration tells no direction
+    motions = smooth_motion(system, trials, sigmas) if all(told) else []
+    values = {name: value for name, value in system.values.items() if value is not None}
+    findings = []
+    for at in system.each if motions else ():
+        slip = motion_function(system, at.v_slip)
+        if one_way(np.concatenate([slip(motion, values) for motion in motions])):
+            where = f"{at.contacts[0].name} slips" if len(system.contacts) > 1 else "the contact slips"
+            what = f"{where} one way only: its dry friction, an asymmetry and a constant force are one"
+            findings.append(Finding(what, "record both directions, or take mu_c for their sum"))
+    return findings
+
+
+def one_way(v: np.ndarray) -> bool:
+    """Whether a velocity has one sign wherever it is no stop."""
+    fast = np.abs(v) > max(AT_REST * float(np.quantile(np.abs(v), 0.99)), 1e-12)
+    return bool(fast.any() and not ONE_WAY < np.mean(v[fast] > 0) < 1 - ONE_WAY)
 
 
 def _stands_out(trials: Sequence[Sampled], name: str, sigma: float, width: float, order: int) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..errors import UserError
 from ..physics import System
 from .balance import balance_findings
-from .channels import channel_findings, slip_findings
+from .channels import channel_findings, one_way_findings, slip_findings
 from .check import check_trial
 from .consistency import derivative_findings
 from .filters import sampled
@@ -41,6 +41,7 @@ def inspect(recording: Recording, system: System, inertia_free: bool = False) ->
         findings += (rates := derivative_findings(system, trials, sigmas))
         if not rates and not any(f.grave for f in findings):
             findings += balance_findings(system, trials, sigmas, inertia_free)
+            findings += one_way_findings(system, trials, sigmas)
     return sorted(findings, key=lambda f: not f.grave)
 
 

@@ -37,6 +37,7 @@ HELD = 0.02  # share of the time at a signal's very end by which it counts as cl
 NEAR_END, PILED = 0.02, 3
 LEVELS = 32  # levels between a signal's ends: 5 bits, rounding by 1 % of the range
 TURNS = 4.0  # turns of an angle beyond which degrees are likelier than a wheel
+ONE_WAY = 0.02  # share of the time by which a contact must slip the other way, too, for friction to be told apart
 AT_REST = 0.1  # of a signal's root mean square: what moves less stands still
 
 # Derivatives, and forces against motion

@@ -138,7 +138,8 @@ def select(bench: Bench, options: Sequence[Candidate], settings: Settings) -> Se
         banned |= {r.candidate.name for r in dropped}
         if selection.accepted:
             selection.accepted[-1] = replace(selection.accepted[-1], fit=selection.fit)
-        rounds.finish(f"  added so far: {', '.join(a.candidate.name for a in selection.accepted) or 'nothing'}")
+        names = [a.candidate.name for a in selection.accepted]
+        rounds.finish(f"  added so far: {', '.join(names) or 'nothing'}", len(names))
     return selection
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data.contact import ContactTrial
+from ..errors import choose
 from ..models import FrictionModel, StateEnsemble, StateModel
 from ..models.in_motion import InMotion
 from ..numerics.paths import InputPath
@@ -68,6 +69,7 @@ def candidates(
 
     found = {"model": Candidate(name, online(model), as_trained)}
     if isinstance(model, StateModel | StateEnsemble):
+        choose(integrator or "bdf2", {"bdf2": "the only one for a network with memory"}, "integrator")
         numbers = model.friction()
         found["model"] = Candidate(name, online(model), lambda path, y0: simulate_in_motion(system, numbers, path, y0))
     if in_motion is not None:

@@ -47,7 +47,7 @@ def write_c(folder: Path, portable: PortableModel) -> list[str]:
     source += fill("network.c", **network, **_source_places(portable))
     files = {
         "friction.h": _header(portable.title, portable.system, header),
-        "friction.c": f'#include "friction.h"\n\n#include <math.h>\n{source}',
+        "friction.c": f'#include "friction.h"\n\n#include <float.h>\n#include <math.h>\n{source}',
         "simulate.c": simulate_source(portable),
     }
     return write_files(folder, at_contact(files, portable.contact) if portable.contact else files)
@@ -56,7 +56,7 @@ def write_c(folder: Path, portable: PortableModel) -> list[str]:
 def write_law_c(folder: Path, law: FrictionLaw, values: Mapping[str, float], system: System) -> list[str]:
     """Write ``friction.h`` and ``friction.c`` of a law alone, with these parameters (SI units)."""
     header = _header(f"{law.name} friction", system, _law_header(law, system))
-    source = f'#include "friction.h"\n\n#include <math.h>\n{_law_source(law, values)}'
+    source = f'#include "friction.h"\n\n#include <float.h>\n#include <math.h>\n{_law_source(law, values)}'
     return write_files(folder, {"friction.h": header, "friction.c": source})
 
 

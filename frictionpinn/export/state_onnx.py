@@ -168,11 +168,11 @@ def _instants(portable: PortableState, model: StateModel) -> tuple[dict[str, np.
     v, N = seen["v_slip"], np.abs(seen["normal_force"])
     A, h = seen.get("a_frictionless", np.zeros(n)), np.full(n, portable.interval)
     gate = 1 / (1 + (portable.noise / np.maximum(np.abs(v), 1e-12)) ** 4)
-    path, z0 = np.empty((n * portable.steps, 1 + numbers.states)), np.zeros((1, numbers.states))
+    path, z0 = np.empty((n * portable.steps, 2 + numbers.states)), np.zeros((1, numbers.states))
     moving = portable.mobility > 0
     rest = (numbers.elements, portable.gain, portable.mobility, portable.steps, moving, path)
     along = Drive(v, N, h, np.eye(n)[0], gate, portable.mobility, portable.steps).along(A)
-    force, slip, states, _ = forward(along, z0, np.zeros((1, 2)), numbers.tables, numbers.grid, *rest)
+    force, slip, states, *_ = forward(along, z0, np.zeros((1, 2)), numbers.tables, numbers.grid, *rest)
     state = np.column_stack([slip, states]) if moving else states
     feed = {name: np.column_stack([seen[name][:-1], seen[name][1:]]) for name in portable.signals}
     feed |= {"dt": h[1:, None], "state": state[:-1]}

@@ -17,6 +17,7 @@ from .simulate import Simulation
 
 LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
 FAINT = 0.01  # added to the curvature in log u: that of an unknown told to ten powers of e, which tells nothing
+LEAST = 1e-200  # information that counts as none: its inverse and the products of two such are still numbers
 SAME_MINIMUM = 0.2  # log-likelihood (:attr:`State.unit`): a point that is as near to a minimum as that lies in it
 
 
@@ -128,7 +129,7 @@ def reduced(state: State) -> tuple[np.ndarray, np.ndarray, list]:
 
 def invert(information: np.ndarray) -> np.ndarray:
     """Inverse of a symmetric positive matrix whose entries differ by decades; huge entries where it is singular."""
-    scale = 1 / np.sqrt(np.maximum(information.diagonal(), 1e-300))
+    scale = 1 / np.sqrt(np.maximum(information.diagonal(), LEAST))
     scaled = information * scale[:, None] * scale
     values, vectors = np.linalg.eigh((scaled + scaled.T) / 2)
     values = np.maximum(values, 1e-14)

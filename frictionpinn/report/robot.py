@@ -34,7 +34,8 @@ def headline(d: RobotDiagnosis) -> str:
         where = "" if a.term.joint is None else d.fit.model.names[a.term.joint].removeprefix("joint_")
         by_effect.setdefault(a.term.kind, []).append(where)
     said = [
-        kind.replace("_", " ") + (f" in joint{'s' if len(j) > 1 else ''} {', '.join(sorted(set(j)))}" if any(j) else "")
+        kind.replace("_", " ")
+        + (f" in joint{'s' if len(set(j)) > 1 else ''} {', '.join(sorted(set(j)))}" if any(j) else "")
         for kind, j in by_effect.items()
     ]
     sentences = [f"Missing: {'; '.join(said)}." if said else "Nothing is missing that this recording could show."]

@@ -73,6 +73,9 @@ class Arm:
             made = choose(law, CONTACT_LAWS, "friction")() if isinstance(law, str) else law
             own = tuple(choose(e, {**EFFECTS, **JOINT_EFFECTS}, "effects")() for e in table.get(name, ()))
             mechanisms.append(Mechanism(RobotJoint(bool(turns)), made, own))
+        if armature is not None and len(armature) != len(names):
+            raise UserError("not one armature for each joint", where="armature", received=f"{len(armature)} long",
+                            allowed=f"{len(names)}")  # fmt: skip
         bodies = robot if armature is None else robot.with_inertia(robot.inertial, np.asarray(armature, float))
         return cls(bodies, tuple(mechanisms), {}).with_values(**(values or {}))
 

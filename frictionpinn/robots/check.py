@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..data.channels import channel_findings
+from ..data.channels import channel_findings, one_way
 from ..data.check import check_trial
 from ..data.consistency import derivative_findings
 from ..data.filters import sampled
@@ -29,7 +29,6 @@ from .recording import robot_units
 
 LIMIT = 3.0  # times a limit of the file: makers allow overload for moments, and users write limits of their own
 MOVES = 0.02  # rad or m between the ends of its motion, less of which is a joint that stands still: 1 degree
-ONE_WAY = 0.02  # share of the time by which a joint must move the other way, too
 UNTOLD = 1e-4  # of the largest singular value of scaled columns: a parameter there is known a hundred times worse
 USUAL_LOAD = 0.05  # friction by transmitted torque in gears
 SEEN = 0.01  # of the friction: a change below is none
@@ -129,9 +128,7 @@ def _standing(robot: Robot, recording: Recording) -> list[Finding]:
             )
         )
     for k, v in enumerate(speeds):
-        fast = np.abs(v) > max(0.1 * np.quantile(np.abs(v), 0.99), 1e-12)
-        share = float(np.mean(v[fast] > 0)) if fast.any() else 0.5
-        if f"joint_{k + 1}" not in still and not ONE_WAY < share < 1 - ONE_WAY:
+        if f"joint_{k + 1}" not in still and one_way(v):
             findings.append(
                 Finding(
                     f"joint_{k + 1} moves one way only: its friction and a constant torque are one",

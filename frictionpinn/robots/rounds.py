@@ -206,7 +206,7 @@ def _best(
         if t.scored.gain == 0.0:
             continue
         if log_p > settings.log_p:
-            refused[t.term.name] = f"not significant: chance 1e{min(log_p, 0.0):.1f} over all that was tried"
+            refused[t.term.name] = f"not significant: chance {10.0 ** min(log_p, 0.0):.1g} over all that was tried"
         elif t.size < settings.worth:
             refused[t.term.name] = f"significant, but {100 * t.size:.2g} % of the joint's friction"
         elif t.confirmed is None or t.confirmed.gain < t.price or not t.confirmed.sure(SURE):

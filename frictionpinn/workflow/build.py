@@ -174,7 +174,7 @@ def _from_files(cfg: Config, system: System) -> Recording:
     unknown = [name for name in columns if name not in allowed]
     if unknown:
         choose(unknown[0], allowed, "data.columns")
-    _require_motion(columns, system)
+    _require_motion(columns, system, present)
     recording = read_recording(
         _paths(cfg["path"]),
         columns=columns,
@@ -190,7 +190,8 @@ def _from_files(cfg: Config, system: System) -> Recording:
                 raise UserError("value that no mechanism has", where=f"{name}, trial {trial.name}",
                                 received=f"{largest:.3g}", allowed=f"up to {LARGEST:g} in SI units",
                                 fix="check the column and its unit")  # fmt: skip
-    read = [str(column).partition("[")[0] for column in (*columns.values(), trial_column)]
+    named = [str(column) for column in (*columns.values(), trial_column)]
+    read = {*named, *(column.partition("[")[0] for column in named)}  # the column itself, or one that holds lists
     ignored = [name for name in present if name not in read]
     used = [name if str(column) == name else f"{name} from {column}" for name, column in columns.items()]
     told = f"columns used: {', '.join(used)}" + (f"; ignored: {few(ignored)}" if ignored else "")
@@ -235,21 +236,21 @@ def _limited(recording: Recording, rate_hz: Any, max_samples: Any) -> Recording:
     return recording
 
 
-def _require_motion(columns: dict[str, Any], system: System) -> None:
+def _require_motion(columns: dict[str, Any], system: System, present: Sequence[str]) -> None:
     for coordinate in system.moving:
         if not any(name in columns for name in coordinate.signals):
             raise UserError(
                 f"no signal of coordinate {coordinate.name} in the recording",
-                where="data.columns",
-                received=", ".join(columns),
+                where="data.path",
+                received=f"columns {few(present)}",
                 allowed=f"at least one of {', '.join(coordinate.signals)}",
                 fix=f"name its column, for example data.columns.{coordinate.signals[0]}=my_column",
             )
     if system.massless and not any(item.name in columns for item in system.inputs):
         raise UserError(
             "no measured force in the recording",
-            where="data.columns",
-            received=", ".join(columns),
+            where="data.path",
+            received=f"columns {few(present)}",
             allowed=", ".join(item.name for item in system.inputs),
             fix="name its column",
         )

@@ -111,9 +111,16 @@ def _configuration(folder: Path, where: str) -> Config:
             fix=f"did you mean '{inside[-1]}'?" if inside else "wait for the training's end, or train again",
         )
     try:
-        return _checked(json.loads(path.read_text(encoding="utf-8")))
+        result = json.loads(path.read_text(encoding="utf-8"))
+        trained = "model" in result["config"]
+        cfg = _checked(result) if trained else {}
     except (ValueError, KeyError, TypeError) as error:
         raise UserError("unreadable result of a run", where=str(path), fix=f"train again ({error})") from error
+    if not trained:
+        raise UserError("no training run: it holds no model", where=where, received=str(folder),
+                        allowed="a folder that train.py wrote",
+                        fix="what identify.py and diagnose.py write of a robot is handed on with export=")  # fmt: skip
+    return cfg
 
 
 def _checked(result: Any) -> Config:

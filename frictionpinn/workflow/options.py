@@ -72,7 +72,11 @@ def _check(configs: Configs, texts: list[str], many: bool) -> None:
     except HydraException as error:
         marked = next((text for text in texts if re.search(r"=[^'\"{\[]*[\[\](){},= ]", text)), "")
         key, _, value = marked.partition("=")
-        fix = f'quote it: "{key}={quote(value)}"' if marked else str(error).splitlines()[0]
+        if value.startswith(("{", "[")):  # a table as it is, its texts quoted
+            value = re.sub(r"(?<=[:,{[])\s*([^\s,:{}\[\]\"'][^,:{}\[\]\"']*[*/^()= ][^,:{}\[\]\"']*)", r' "\1"', value)
+            fix = f"quote the texts in it: '{key}={value}'"
+        else:
+            fix = f'quote it: "{key}={quote(value)}"' if marked else str(error).splitlines()[0]
         raise UserError("not an override", where="command line", received=marked or " ".join(texts), fix=fix) from error
     for override in overrides:
         if override.is_sweep_override() and not many:

@@ -66,7 +66,11 @@ def _train(cfg: Config, folder: Path) -> dict[str, Any]:
     quiet()
     keep_memory()
     check_free(folder, cfg.get("ckpt_path"))
-    torch.set_num_threads(max(int(cfg["trainer"].get("threads") or torch.get_num_threads()), 1))
+    threads = cfg["trainer"].get("threads")
+    if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
+        raise UserError("impossible number of threads", where="trainer.threads", received=repr(threads),
+                        allowed="a whole number from 1, or null: all cores")  # fmt: skip
+    torch.set_num_threads(threads or torch.get_num_threads())
     L.seed_everything(seed_of(cfg), workers=False, verbose=False)
     check_pairing(cfg)
     size_of(cfg)

@@ -111,3 +111,14 @@ def test_a_coordinate_of_which_nothing_was_recorded_is_named_by_the_check_and_by
     assert "nothing of load was recorded" in str(finding) and "omega_l" in str(finding)
     with pytest.raises(UserError, match="nothing of load was recorded"):
         Problem(Mechanism(system, LAWS["coulomb_viscous"]()), recording)
+
+
+def test_a_contact_that_slips_one_way_is_told_and_is_no_fault():
+    from frictionpinn.data.simulated import simulate_recording
+
+    drive = SYSTEMS["drive"](M=2.0)
+    for force, told in (("9 + 5*sin(4*t)", True), ("9*sin(4*t)", False)):
+        truth = {"mu_c": 3.0, "sigma_2": 10.0}
+        recording = simulate_recording(drive, "coulomb_viscous", truth, [{"duration": 8.0, "force": force}], 200.0)
+        findings = inspect(GaussianNoise(0.005)(recording, 0), drive)
+        assert any("slips one way only" in f.what and not f.grave for f in findings) == told, findings

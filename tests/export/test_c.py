@@ -127,3 +127,20 @@ def test_the_program_reproduces_our_simulation_within_one_percent_of_the_force(e
             ["./simulate", kind], cwd=folder, input=wrong, capture_output=True, text=True, check=False
         )
         assert done.returncode == 2 and "of the input does not hold 4 finite numbers" in done.stderr
+
+
+@pytest.mark.parametrize("name", [name for name, law in LAWS.items() if law.memory])
+def test_a_lift_off_or_a_sample_that_is_no_number_does_not_end_a_bristle(laws, name):
+    _, lib, values = laws[name]
+    step = lib.friction_law_step
+    step.restype, step.argtypes = (
+        ctypes.c_double,
+        [ctypes.c_void_p, ctypes.POINTER(ctypes.c_double), *[ctypes.c_double] * 3],
+    )
+    z = ctypes.c_double(0.0)
+    sliding = [step(values, ctypes.byref(z), 0.05, 15.0, 1e-3) for _ in range(200)][-1]
+    kept = z.value
+    step(values, ctypes.byref(z), float("nan"), 15.0, 1e-3)
+    assert z.value == kept
+    assert step(values, ctypes.byref(z), 0.05, 0.0, 1e-3) == 0.0 == z.value
+    assert [step(values, ctypes.byref(z), 0.05, 15.0, 1e-3) for _ in range(200)][-1] == pytest.approx(sliding)

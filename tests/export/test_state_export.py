@@ -68,6 +68,27 @@ def test_force_and_rates_in_c_are_those_of_the_model(tmp_path):
         force = library.friction_step(own, v, N, 1e-3)
         z = np.array(list(own))
         assert force == pytest.approx(model.rates(v, N, z)[0], rel=1e-9, abs=1e-12)
+    assert np.isnan(library.friction_step(own, np.nan, 10.0, 1e-3)) and list(own) == list(z)
+    assert library.friction_step(own, 0.1, np.nan, 1e-3) != 0.0 and np.all(np.isfinite(list(own)))
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler, cc")
+def test_a_contact_without_a_load_carries_nothing_in_c_and_slides_on_when_it_is_back(tmp_path):
+    """Two bristles without a gap: what is left at N = 0 is the viscous rest."""
+    rng = np.random.default_rng(0)
+    tables, rows = 1e-3 * np.exp(rng.standard_normal((3, 17, 3))), np.array([[500, 300], [50, 4], [0, 0], [1, 2.3]])
+    model = StateFriction(tables, np.array([0.01, -4.0, 0.5, 8.0, 2.0]), rows.astype(float))
+    portable = PortableState("bb2", model, 1e-3, 1.0, 1e-3, 0.05, 4, 1.0, None, {}, {}, SYSTEMS["pob"]())
+    write_state_c(tmp_path, portable)
+    flags = ["-std=c99", "-O2", "-shared", "-fPIC", "-o", "friction.so", "friction.c", "-lm"]
+    subprocess.run(["cc", *flags], cwd=tmp_path, check=True)
+    step, pair = ctypes.CDLL(str(tmp_path / "friction.so")).friction_step, ctypes.c_double * 2
+    step.restype, step.argtypes = ctypes.c_double, [pair] + [ctypes.c_double] * 3
+    z = pair(0.0, 0.0)
+    before = [step(z, 0.05, 10.0, 1e-3) for _ in range(2000)][-1]
+    lifted = [step(z, 0.05, 0.0, 1e-3) for _ in range(3)]
+    assert all(0.0 < force < 0.01 * before for force in lifted) and list(z) == [0.0, 0.0]
+    assert [step(z, 0.05, 10.0, 1e-3) for _ in range(2000)][-1] == pytest.approx(before)
     assert np.abs(z).max() > 0
 
 

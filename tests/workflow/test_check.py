@@ -233,3 +233,28 @@ def test_where_every_parameter_of_a_system_is_estimated_none_is_told_as_assumed(
     system = SYSTEMS["drive"]()
     assert "preload is 1" in assumptions(system, recording, ["M"])[0]
     assert not any("assumed" in line for line in assumptions(system, recording, ["M", "preload"]))
+
+
+def test_a_table_with_units_is_quoted_in_its_texts_and_works_so():
+    from frictionpinn.workflow.options import composed
+
+    with pytest.raises(UserError, match=r"quote the texts in it: 'data\.units=") as caught:
+        composed("check", ["system=joint", "data.units={theta: deg, alpha: deg/s^2, tau: N*m}"])
+    advised = str(caught.value).partition("quote the texts in it: '")[2].rstrip("'")
+    cfg = composed("check", ["system=joint", "data.path=run.csv", advised])
+    assert cfg["data"]["units"] == {"theta": "deg", "alpha": "deg/s^2", "tau": "N*m"}
+
+
+def test_columns_with_their_unit_in_brackets_are_used_and_not_ignored(tmp_path):
+    import frictionpinn as fp
+
+    t = np.arange(300) / 100
+    table = pd.DataFrame({"Time [ms]": 1e3 * t, "x[mm]": np.sin(t), "F": np.cos(t), "lap": 1})
+    table.to_csv(tmp_path / "run.csv", index=False)
+    columns, units = {"t": "Time [ms]", "x": "x[mm]", "force": "F"}, {"t": "ms", "x": "mm", "default": "SI"}
+    notes = fp.read(tmp_path / "run.csv", "drive", columns=columns, units=units, trial_column="lap").notes[0]
+    assert "x from x[mm]" in notes and "ignored" not in notes
+    with pytest.raises(UserError, match=r"no signal of coordinate x .*columns Time \[ms\], x\[mm\], F, lap"):
+        fp.read(tmp_path / "run.csv", "drive")
+    with pytest.raises(UserError, match="not a file: read is DataFrame"):
+        fp.read(table, "drive")

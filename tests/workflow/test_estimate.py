@@ -69,3 +69,25 @@ def test_what_a_network_or_a_problem_cannot_take_into_account_is_refused(drive):
         fp.fit(mechanism, recording, method="pe2", windows=4)
     with pytest.raises(UserError, match=r"its recording and options: maximum_likelihood is recording, windows"):
         maximum_likelihood(Problem(mechanism, recording), recording, windows=2.0)
+
+
+def test_what_is_no_recording_or_no_list_is_told_in_a_line(drive):
+    import frictionpinn as fp
+
+    with pytest.raises(UserError, match=r"not a recording: recording is 'run\.csv'"):
+        fp.fit(drive[0], "run.csv")
+    with pytest.raises(UserError, match=r"not a list of parameters: free is 'mu_c'; allowed: \['mu_c'\]"):
+        fp.fit(*drive, free="mu_c")
+
+
+def test_what_a_motion_in_one_direction_tells_nothing_of_does_not_end_a_fit():
+    """Far beyond the Stribeck velocity all the time: mu_c and sigma_2 are found, the others are told to be unknown."""
+    import frictionpinn as fp
+
+    model = fp.mechanism(fp.system("drive", M=3.7), "stribeck")
+    truth = {"mu_c": 6.2, "mu_s": 8.4, "v_s": 0.02, "sigma_2": 11.0}
+    trials = [{"duration": 4.0, "force": "13 + 4*sin(5*t) + 2*sin(13*t)", "initial": {"v": 0.6}}]
+    found = fp.fit(model, fp.simulate(model, truth, trials, rate_hz=250, noise=0.002))
+    assert found.values["mu_c"] == pytest.approx(6.2, rel=0.05)
+    assert found.values["sigma_2"] == pytest.approx(11.0, rel=0.05)
+    assert any("mu_s does not show" in line for line in found.advice)

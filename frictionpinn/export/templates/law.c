@@ -26,6 +26,11 @@ double friction_law_step(const friction_law *p, double *z, double v_slip, double
 {
     const double x = bristle_slope(p, v_slip, N, *z) * dt;
     const double share = fabs(x) < 1e-8 ? 1.0 + x / 2.0 : expm1(x) / x;
-    *z += dt * share * friction_law_bristle_rate(p, v_slip, N, *z);
+    const double step = dt * share * friction_law_bristle_rate(p, v_slip, N, *z);
+    if (N <= 0.0) { /* without a load nothing bends, and nothing is carried */
+        *z = 0.0;
+        return 0.0;
+    }
+    if (fabs(step) <= DBL_MAX) *z += step; /* a sample that is no number leaves the bristle as it is */
     return friction_law_force(p, v_slip, N, *z, friction_law_bristle_rate(p, v_slip, N, *z));
 }

@@ -1,5 +1,6 @@
 #include "friction.h"
 
+#include <float.h>
 #include <math.h>
 
 #define VELOCITIES $velocities
@@ -14,7 +15,7 @@ static const double table[ROWS * VELOCITIES * LOADS] = $tables;
 static const double element[4 * FRICTION_STATES] = $elements;
 
 static double held(double position, double last) {
-    return position < 0.0 ? 0.0 : position > last ? last : position;
+    return !(position > 0.0) ? 0.0 : position > last ? last : position;  /* 0 where it is no number, too */
 }
 
 static void look(double v, double N, double seen[ROWS]) {
@@ -40,9 +41,11 @@ double friction_rates(double v_slip, double N, const double z[FRICTION_STATES], 
     for (k = 0; k < FRICTION_STATES; k++) {
         const double *e = element + k;
         const double gap = e[2 * FRICTION_STATES], size = fabs(z[k]), side = z[k] < 0.0 ? -1.0 : 1.0;
-        const double b = size > 0.0 ? pow(size / (gap + N * seen[k]), e[3 * FRICTION_STATES]) : 0.0;
+        const double s = gap + N * seen[k], b = size > 0.0 ? pow(size / s, e[3 * FRICTION_STATES]) : 0.0;
         const double spring = e[0] * (size > gap ? size - gap : 0.0);
         double damping;
+        rate[k] = 0.0;
+        if (s <= 0.0) continue;  /* without a load it carries nothing */
         rate[k] = v_slip - fabs(v_slip) * side * b;
         damping = e[FRICTION_STATES] * rate[k];
         if (rate[k] * v_slip < 0.0 && fabs(damping) > spring * b) damping = -side * spring * b;
@@ -55,8 +58,13 @@ double friction_step(double z[FRICTION_STATES], double v_slip, double N, double 
     double seen[ROWS], rate[FRICTION_STATES];
     int k;
     look(v_slip, N, seen);
-    for (k = 0; k < FRICTION_STATES; k++) {
+    /* of a sample that is no number the force is none either, and the bristles stay as they are */
+    for (k = 0; k < FRICTION_STATES && fabs(v_slip) <= DBL_MAX && N <= DBL_MAX; k++) {
         const double s = element[2 * FRICTION_STATES + k] + N * seen[k], n = element[3 * FRICTION_STATES + k];
+        if (s <= 0.0) {
+            z[k] = 0.0;
+            continue;
+        }
         const double bent = fabs(z[k]) > 0.0 ? pow(fabs(z[k]) / s, n - 1.0) : n == 1.0 ? 1.0 : 0.0;
         const double X = fabs(v_slip) * dt / s * bent;
         const double after = z[k] * exp(-X) + v_slip * dt * (X > 1e-4 ? -expm1(-X) / X : 1.0 - X / 2.0);
