@@ -1,15 +1,17 @@
-"""Why a network with memory alone is off on the measured pendulum's raw tail: its loss beside that of known friction.
+"""What the measured pendulum tells a network with memory of slower swings: its loss beside that of known friction.
 
     FRICTIONPINN_DATA=... python benchmarks/networks_pendulum.py [--epochs 1500]
 
 A black box with one bristle is trained through the motion on the training runs. Then maximum likelihood over
 windows of 4 s on the same runs gives Coulomb + drag and viscous + drag friction; each stands in the network's place
-(as a bristle of a milliradian and the rest), and the network's own loss is evaluated: residuals of the
-velocity over half swings, the errors of their starts estimated anew. Beside it free runs of 4 s from the measured
-state, of the training runs, of one of them alone, of the authors' validation runs and of the raw tail. Last some
-viscous friction instead of Coulomb friction, by maximum likelihood on the training runs: what these hardly tell apart,
-and the validation runs do, decides on the raw tail, which swings far less.
+(as a bristle of a milliradian and the rest), and the network's own loss is evaluated: residuals of the angle over half
+swings, at the noise that its law leaves, the errors of their starts estimated anew. Beside it free runs of 4 s from the
+measured state, of the training runs, of one of them alone, of the authors' validation runs and of the raw tail. Last
+some viscous friction instead of Coulomb friction, by maximum likelihood on the training runs: what these hardly tell
+apart, and the validation runs do, decides on the raw tail, which swings far less.
 Then maximum likelihood on every run alone, beside the drag of all training runs: what friction and inertia each has.
+And networks beside the drag that a diagnosis finds, the motion compared by the angle and by the rate, which was
+differentiated from it: friction over slip velocity that each learns, and its free runs.
 Writes benchmarks/results/networks_pendulum.txt.
 """
 
@@ -22,7 +24,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from networks_measured import FROM_ANGLE, MOTION, plain_pendulum, rollout_error, trained
+from networks_measured import BESIDE, FROM_ANGLE, MOTION, fitted, found_model, plain_pendulum, rollout_error, trained
 
 from frictionpinn.data.sets import FIT, HELD_OUT, load_public
 
@@ -31,6 +33,7 @@ RESULT = ROOT / "benchmarks" / "results" / "networks_pendulum.txt"
 NAME = "multiarm_pendulum"
 ALONE = {"id_4": ["id_4"], "vad 1, 2": ["vad_1", "vad_2"], "raw tail": ["raw"]}
 VISCOUS = (2e-5, 5e-5, 1e-4)  # N m s/rad
+SPEEDS = (0.2, 1.0, 3.0)  # rad/s: the tail's, the slowest swings' of the validation runs, these runs' at the fastest
 REACH = 1e-3  # rad, of a bristle that stands for Coulomb friction
 
 
@@ -70,6 +73,23 @@ def by_run(drag: float) -> list[str]:
     return lines
 
 
+def by_comparison(epochs: int, folder: Path) -> list[str]:
+    """What a network beside the drag learns of friction by the angle and by the rate, and its errors in free runs."""
+    content = found_model("id_4", list(HELD_OUT[NAME]), folder)
+    lines = ["bb1 with one bristle beside the drag that a diagnosis finds; free runs of 4 s, mrad",
+             f"{'compared':10}" + "".join(f"{f'mN m at {v:g} rad/s':>20}" for v in SPEEDS)
+             + "".join(f"{title:>12}" for title in ALONE)]  # fmt: skip
+    for compared in ("position", "velocity"):
+        options = ["model=bb1", "model.state.elements=1", MOTION, BESIDE, f"model.loss.compare={compared}"]
+        system, model, data, _ = fitted(NAME, options, FIT[NAME], content, epochs, folder / compared)
+        friction = model.friction()
+        settled = [1e3 * float(friction.rates(v, 1.0, friction.settled(v, 1.0))[0]) for v in SPEEDS]
+        errors = [rollout_error(model, system, [data.by_name[name] for name in names]) for names in ALONE.values()]
+        lines.append(f"{compared:10}" + "".join(f"{F:20.3g}" for F in settled) + "".join(f"{e:12.2f}" for e in errors))
+        print(lines[-1], flush=True)
+    return lines
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--epochs", type=int, default=1500)
@@ -100,6 +120,8 @@ def main() -> None:
         model.tables = lambda tables=tables: tables
         add(title)
     lines += ["", *by_run(plain_pendulum(FIT[NAME], ("mu_c", "drag"), ("drag",), sigma_2=0.0)["drag"])]
+    with tempfile.TemporaryDirectory() as other:
+        lines += ["", *by_comparison(epochs, Path(other))]
     RESULT.write_text("\n".join(lines) + "\n")
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +13,17 @@ import torch
 from frictionpinn.errors import UserError
 from frictionpinn.evaluate.in_motion import simulate_in_motion
 from frictionpinn.models import StateModel, rebuilt
-from frictionpinn.models.state_start import fit_law
+from frictionpinn.models.segments import compares_position
+from frictionpinn.models.state_start import discount
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.workflow.build import build_system
 from frictionpinn.workflow.experiment import build_data, build_model
 from frictionpinn.workflow.options import composed
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from networks_derived import SPEEDS, fitted, sliding, swing
 
 VARIANTS = ("bb1", "bb2", "pe1", "pe2")
 
@@ -305,51 +311,26 @@ def test_a_pendulum_s_simulated_motion_has_its_own_gravity():
 
 @pytest.fixture
 def swinging(tmp_path):
-    """A pendulum's run at 200 Hz, its rate differentiated from an angle that an encoder's play shifts at every
-    reversal by a tenth of a milliradian; configuration, system and data as a training has them."""
-    from frictionpinn.data.prepare import prepare_trial
-    from frictionpinn.data.recording import Recording, Trial
-    from frictionpinn.numerics.simulate import Simulator
-
-    system, t = SYSTEMS["pendulum"](), np.arange(8000) / 1000.0
+    """A law that is fitted through a pendulum's motion, its rate differentiated from an angle that an encoder's play
+    shifts at every reversal by a tenth of a milliradian; and the true one."""
+    own = {"m": 1.0, "l": 0.5, "J": 0.02}
     law = {"mu_c": 0.02, "mu_s": 0.02, "v_s": 0.01, "sigma_0": 40.0, "sigma_1": 0.1, "sigma_2": 0.0}
-    run = Simulator(Mechanism(system, LAWS["lugre"]())).simulate(t, {}, law, {"theta": np.pi - 0.7, "omega": 0.0})
-    angle = run.signals["theta"] + 1e-4 * np.sign(run.signals["omega"])
-    derived = prepare_trial(Trial("1", t, {"theta": angle}), position="theta", derivatives=("omega", "alpha"),
-                            cutoff_hz=20.0, rate_hz=200.0, thin_cutoff_hz=20.0, edge_s=0.2)  # fmt: skip
-    recording = Recording((derived,), {"theta": "rad", "omega": "rad/s", "alpha": "rad/s^2"})
-    path = recording.save(tmp_path / "swing.csv")
-
-    def built(**loss):
-        options = ["experiment=memory", "model=pe1", "model.loss.through=motion", "system=pendulum", "smoothing=none",
-                   "data=csv", f"data.path={path}", *(f"model.loss.{k}={v}" for k, v in loss.items())]  # fmt: skip
-        cfg = composed("train", options)
-        data = build_data(cfg, system)
-        model = build_model(cfg, system, data)
-        model.departs.fill_(0.0)
-        arrays = [model.arrays(trial, "offline") for trial in data.select("train")]
-        return model, {key: torch.from_numpy(np.concatenate([own[key] for own in arrays])) for key in arrays[0]}, law
-
-    return built
+    path = swing(own, law, first=0.7, play=1e-4).save(tmp_path / "swing.csv")
+    return lambda compared: (*fitted(path, own, compared), law)
 
 
 def test_friction_beside_a_velocity_that_was_differentiated_is_told_by_the_position(swinging):
     """Coulomb friction comes out half as large again at slow slip by the velocity: by the position it does not."""
     off = {}
     for compared in ("velocity", "position"):
-        model, data, true = swinging(compare=compared)
-        fit_law(model, data)
-        p, v = model.physical(), np.array([0.3, 1.0, 3.0])
-        found = p["mu_c"] + (p["mu_s"] - p["mu_c"]) * np.exp(-((v / p["v_s"]) ** 2)) + p["sigma_2"] * v
-        off[compared] = np.abs(found / true["mu_c"] - 1).max()
+        model, found, true = swinging(compared)
+        assert (model.scales["position_noise"] > 0) == (compared == "position")
+        off[compared] = np.abs(sliding(found, SPEEDS) / sliding(true, SPEEDS) - 1).max()
     assert off["position"] < 0.05
     assert off["velocity"] > 0.2
 
 
-def test_what_is_compared_follows_from_what_was_measured(swinging, data):
-    from frictionpinn.models.segments import compares_position
-
-    assert swinging()[0].scales["position_noise"] == 0.0  # a file does not say that its rate was differentiated
+def test_what_is_compared_follows_from_what_was_measured(data):
     trials, pob = data.select("train"), SYSTEMS["pob"]()
     assert not compares_position(None, trials, pob)
     assert compares_position(None, [replace(trials[0], derived=True)], pob)
@@ -363,8 +344,6 @@ def test_what_is_compared_follows_from_what_was_measured(swinging, data):
 
 
 def test_a_noise_that_no_sample_tells_apart_counts_once_for_as_long_as_it_lasts():
-    from frictionpinn.models.state_start import discount
-
     white = np.random.default_rng(0).standard_normal((4, 2000))
     assert discount(list(0.3 * white)) == pytest.approx(0.09, rel=0.1)
     assert discount(list(np.repeat(white[:, :200], 10, axis=1))) == pytest.approx(10.0, rel=0.2)
