@@ -23,7 +23,9 @@ from frictionpinn.data.prepare import prepare_trial
 from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.models.state_start import fit_law
 from frictionpinn.numerics.simulate import Simulator
+from frictionpinn.numerics.torch_functions import numpy_function
 from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.base import CONTACT
 from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.workflow.build import build_system
 from frictionpinn.workflow.experiment import build_data, build_model
@@ -62,8 +64,12 @@ def fitted(path: Path, parameters: dict[str, float], compared: str) -> tuple[Any
 
 
 def sliding(law: dict[str, float], v: np.ndarray) -> np.ndarray:
-    """Friction of LuGre's law in steady sliding under a load of 1, shape of ``v``."""
-    return law["mu_c"] + (law["mu_s"] - law["mu_c"]) * np.exp(-((v / law["v_s"]) ** 2)) + law["sigma_2"] * v
+    """Friction of LuGre's law in steady sliding, v > 0, under a load of 1, shape of ``v``."""
+    lugre = LAWS["lugre"]()
+    settled = {CONTACT.z: lugre.capacity(CONTACT, lugre.symbols) / lugre.symbols.sigma_0, CONTACT.zdot: 0}
+    force = lugre.force(CONTACT, lugre.symbols).subs(settled)
+    values = [law.get(par.name, par.value) for par in lugre.parameters]
+    return numpy_function([CONTACT.v, CONTACT.N, *(par.symbol for par in lugre.parameters)], force)(v, 1.0, *values)
 
 
 def drawn(seed: int) -> tuple[dict[str, float], dict[str, float], float, float, float]:

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from ..numerics.along import fastest_period, moving_mass, samples
 from ..numerics.simulate import Simulation
@@ -87,10 +86,7 @@ def scales(system: System, runs: Sequence[Simulation]) -> dict[str, Scales]:
 
     def of(view: System) -> Scales:
         own = [run.at(view.contacts[0].name) for run in runs]
-        if view.slip_position is None:
-            position = [cumulative_trapezoid(run.v_slip, run.t, initial=0.0) for run in own]
-        else:
-            position = [samples(view, run, CONTACT.s) for run in own]
+        position = [samples(view, run, CONTACT.s) for run in own]
         return data_scales([run.t for run in own], position, [run.v_slip for run in own], [run.N for run in own])
 
     found = {contact.name: of(system.at(contact.name)) for contact in system.contacts}

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import sympy as sp
+from scipy.integrate import cumulative_trapezoid
 
 from ..physics.base import CONTACT
 from ..physics.system import System
@@ -23,9 +24,11 @@ def signal_symbols(system: System) -> dict[str, sp.Symbol]:
 def samples(system: System, run: Simulation, expression: sp.Expr) -> np.ndarray:
     """An expression in a contact's variables and measured signals at the samples of a simulation, shape (n,).
 
-    ``system`` is as the contact sees it.
+    ``system`` is as the contact sees it. A slip position that no expression gives is the integral of the slip velocity.
     """
     run = run.at(system.contacts[0].name)
+    if expression is CONTACT.s and system.slip_position is None:
+        return cumulative_trapezoid(run.v_slip, run.t, initial=0.0)
     known = {CONTACT.t: run.t, CONTACT.v: run.v_slip, CONTACT.N: run.N}
     known |= {s: run.signals.get(n, np.zeros(len(run.t))) for n, s in signal_symbols(system).items()}
     expression = sp.sympify({CONTACT.s: system.slip_position, CONTACT.a: system.a_slip}.get(expression, expression))

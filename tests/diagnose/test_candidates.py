@@ -73,3 +73,17 @@ def test_the_motion_of_one_coordinate_can_be_imposed_and_then_carries_its_inerti
     assert sp.diff(force, system.coordinates[0].symbols[2]) == sp.Symbol("M", real=True)
     with pytest.raises(UserError, match="cannot be imposed"):
         SYSTEMS["pob"](imposed=True)
+
+
+def test_a_slip_position_that_no_expression_gives_is_in_metres_at_any_rate():
+    from types import SimpleNamespace
+
+    from frictionpinn.numerics.along import samples
+    from frictionpinn.physics.base import CONTACT
+
+    for rate in (50, 400):
+        t = np.arange(2 * rate + 1) / rate
+        run = SimpleNamespace(t=t, v_slip=np.full(len(t), 0.3), N=np.ones(len(t)), signals={})
+        run.at = lambda _, run=run: run
+        system = SimpleNamespace(contacts=[SimpleNamespace(name="")], slip_position=None)
+        assert np.ptp(samples(system, run, CONTACT.s)) == pytest.approx(0.6)
