@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class Candidate:
     group: str
     strengths: tuple[str, ...]
     hidden: tuple[str, ...] = ()
-    grid: tuple[Mapping[str, float], ...] = ({},)
+    grid: tuple[Mapping[str, float], ...] = field(default=({},), repr=False)
 
     @property
     def name(self) -> str:

@@ -58,7 +58,8 @@ class Fit:
     def cost(self) -> float:
         """Negative log-likelihood, and half of log n for every parameter (Bayesian information criterion)."""
         count = sum(len(model.t) * len(model.outputs) for model in self.models)
-        return self.state.cost + 0.5 * len(self.names) * float(np.log(count))
+        level = sum(np.log(self.sigmas[n]) * np.isfinite(r).sum() for n, own in self._residuals.items() for r in own)
+        return self.state.cost + float(level + 0.5 * len(self.names) * np.log(count))
 
     @property
     def _residuals(self) -> dict[str, list[np.ndarray]]:

@@ -73,10 +73,10 @@ def select(bench: Bench, options: Sequence[Candidate], settings: Settings) -> Se
        by their evidence, each in its own minimum, see :func:`frictionpinn.diagnose.contenders.judged`.
     4. Those that are not told apart are judged by the evidence of the held-out trials, the more usual effect first.
     5. Where the winner has led to a minimum that is lower without it, too, all are tested anew around that. Else it
-       is kept if fitted and held-out trials both speak for it and a mechanism can have it; what it makes superfluous
-       is taken out. Rivals of which its evidence does not tell it for certain, and that have nothing left to explain
-       beside it, are reported as alike. Those that came before it are judged anew beside it, by the same evidence:
-       what each was told from may explain as much now, or more. And again from 2.
+       is kept if fitted and held-out trials both speak for it and a mechanism can have it; what it makes superfluous,
+       or such as no mechanism has, is taken out. Rivals of which its evidence does not tell it for certain, and that
+       have nothing left to explain beside it, are reported as alike. Those that came before it are judged anew beside
+       it, by the same evidence: what each was told from may explain as much now, or more. And again from 2.
     6. What is left is judged by :func:`frictionpinn.diagnose.verdict.judge`.
 
     Args:
@@ -124,8 +124,8 @@ def select(bench: Bench, options: Sequence[Candidate], settings: Settings) -> Se
         saved = replace(selection, accepted=list(selection.accepted))
         selection.accepted.append(_accepted(before, winner, found, asked))
         selection.fit = bench.settle(winner.fit)
-        dropped = _drop(bench, selection, settings)
-        anew = _judged_anew(bench, options, selection, settings)
+        dropped, anew = _drop(bench, options, selection, before, settings)
+        anew |= _judged_anew(bench, options, selection, settings)
         selection.last = tested(selection.fit, selection.accepted)
         if why := _impossible(bench, selection):
             selection, dropped = saved, [Refused(winner.candidate, why)]
@@ -192,12 +192,14 @@ def _accepted(before: Fit, winner: Contender, found: Sequence[Contender], asked:
     return Accepted(winner.candidate, tests[name], _evidence(before, winner), winner.fit, others=others)
 
 
-def _judged_anew(bench: Bench, options: Sequence[Candidate], selection: Selection, settings: Settings) -> bool:
-    """Judge every effect, and what was asked for in its place, beside those that came later; and where that exchanges
-    one, the last as well, which was judged beside what is gone. Whether it does."""
+def _judged_anew(
+    bench: Bench, options: Sequence[Candidate], selection: Selection, settings: Settings, gone: bool = False
+) -> bool:
+    """Judge every effect, and what was asked for in its place, beside those that came later; and where one is ``gone``
+    or that exchanges one, the last as well, which was judged beside that. Whether it exchanges one."""
     exchanged = False
     for k, a in enumerate(selection.accepted):
-        if k == len(selection.accepted) - 1 and not exchanged:
+        if k == len(selection.accepted) - 1 and not (gone or exchanged):
             break
         beside = [b for b in selection.accepted if b.candidate is not a.candidate]
         there = {b.candidate.name for b in beside}
@@ -241,26 +243,36 @@ def _equivalents(bench: Bench, winner: Candidate, values: Mapping[str, float]) -
     return found
 
 
-def _drop(bench: Bench, selection: Selection, settings: Settings) -> list[Refused]:
-    """Take out effects without which the fit is as good from where it is now.
+def _drop(
+    bench: Bench, options: Sequence[Candidate], selection: Selection, before: Fit, settings: Settings
+) -> tuple[list[Refused], bool]:
+    """Take out effects without which the fit is as good from where it is now, and what stood in for the last one:
+    effects that are beside it such as no mechanism has. What goes, and whether the others were judged anew for that.
 
     Those that came first may not be needed beside later ones; and the last may have gained nothing but a way out of a
-    wrong minimum.
+    wrong minimum. What stood in goes if, judged anew, the others explain more than all did ``before`` the last came.
     """
-    dropped = []
+    dropped, anew = list[Refused](), False
     for a in list(selection.accepted):
-        fit = selection.fit
-        kept = {name for b in selection.accepted if b is not a for name in b.names}
-        found = _without(bench, fit, a.candidate, kept)
-        loss = np.inf if found is None else found.state.cost - fit.state.cost
-        if found is not None and loss < needed(a.tested, settings):
+        left = [b for b in selection.accepted if b.candidate is not a.candidate]
+        found = _without(bench, selection.fit, a.candidate, {name for b in left for name in b.names})
+        if found is None or len(left) == len(selection.accepted):
+            continue
+        tried, loss = replace(selection, accepted=left, fit=found), found.state.cost - selection.fit.state.cost
+        if loss < needed(a.tested, settings):
             why = f"not needed in the end ({loss:+.3g} in log-likelihood without it)"
-            dropped.append(Refused(a.candidate, why))
-            selection.accepted.remove(a)
-            selection.fit = found
-            if not selection.accepted:
-                selection.base = found
-    return dropped
+        elif a is not selection.accepted[-1] and (why := impossible(bench, a.candidate, selection.fit.values)):
+            _judged_anew(bench, options, tried, settings, gone=True)
+            if tried.fit.cost > before.cost - settings.told_apart:
+                continue
+            why, anew = f"not possible beside {' and '.join(b.candidate.name for b in tried.accepted)}: {why}", True
+        else:
+            continue
+        dropped.append(Refused(a.candidate, why))
+        selection.accepted, selection.fit = tried.accepted, tried.fit
+        if not selection.accepted:
+            selection.base = found
+    return dropped, anew
 
 
 def _impossible(bench: Bench, selection: Selection) -> str:
@@ -280,13 +292,9 @@ def intervals(bench: Bench, fit: Fit, scanned: Scanned) -> tuple[dict[str, float
     factor = bench.problem.loss.inflation(np.nan_to_num(np.concatenate(flat)))
     errors = np.sqrt(factor * np.maximum(normal.covariance.diagonal(), 0.0))
     table = {par.name: par for par in bench.tested.parameters}
-    values = {name: fit.values[name] for name in fit.names}
-    ci95 = {}
-    for name in fit.names:
-        par, error = table[name], np.nan
-        if name in normal.names:
-            error = float(errors[normal.names.index(name)]) or np.nan  # 0: derivatives that overflow
-        if not par.linear and error > UNTOLD * values[name]:
-            error = np.nan
-        ci95[name] = interval(values[name], error, not par.linear)
+    values, ci95 = {name: fit.values[name] for name in fit.names}, {}
+    for name, error in zip(fit.names, errors.tolist(), strict=True):
+        positive = not table[name].linear
+        told = error > 0 and not (positive and error > UNTOLD * values[name])  # 0: derivatives that overflow
+        ci95[name] = interval(values[name], error if told else np.nan, positive)
     return values, ci95

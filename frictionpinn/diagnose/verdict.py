@@ -16,6 +16,7 @@ from ..numerics.formula import sparse_formula
 from ..numerics.score import Columns, Normal
 from ..physics.remainder import Remainder
 from .bench import Bench
+from .candidates import impossible
 from .errors import compare, main_signal
 from .fit import Fit
 from .held_out import check
@@ -107,7 +108,7 @@ def judge(bench: Bench, selection: Selection, settings: Settings) -> Verdict:
 def gate(
     bench: Bench, accepted: Sequence[Accepted], values: Mapping[str, float], ci95: Mapping[str, tuple[float, float]]
 ) -> list[str]:
-    """What keeps a verdict from having a sense: nothing slips, a fit at its bounds, effects that may be nothing at all.
+    """What keeps a verdict from having a sense: nothing slips, a fit at its bounds, effects such as no mechanism has.
 
     Args:
         bench: with the declared model's fit.
@@ -123,12 +124,8 @@ def gate(
     for name in sorted(bench.problem.bounded & bounds.keys() & values.keys()):
         if np.isclose(values[name], [b for b in bounds[name] if b != 0], rtol=AT_END).any():
             reasons.append(f"{name} of the fit ended at its bound, {values[name]:.3g}: widen friction.bounds.{name}")
-    table = {par.name: par for par in bench.tested.parameters}
-    for a in accepted:
-        spans = [(table[name].neutral, ci95[name]) for name in a.candidate.strengths if name in ci95]
-        if spans and all(neutral is not None and low <= neutral <= high for neutral, (low, high) in spans):
-            reasons.append(f"{a.candidate.name} may be nothing at all: its 95 % interval holds that")
-    return reasons
+    found = [(a.candidate.name, impossible(bench, a.candidate, values, ci95)) for a in accepted]
+    return reasons + [f"{name} is no answer: {why}" for name, why in found if why]
 
 
 @dataclass(frozen=True)

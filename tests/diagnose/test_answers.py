@@ -127,7 +127,7 @@ def test_an_effect_that_is_not_needed_beside_another_is_taken_out():
     both = bench.refit(fit, (*fit.names, "drag"), fit.values | {"drag": 0.5})
     selection = Selection(bench.base, both, d.selection.first, d.selection.last)
     selection.accepted = [Accepted(drag.candidate, drag, {}, both), found]
-    selecting._drop(bench, selection, Settings())
+    selecting._drop(bench, [], selection, bench.base, Settings())
     assert [a.candidate.effect for a in selection.accepted] == ["constant_force"]
     assert selection.fit.values["drag"] == 0.0 and "drag" not in selection.fit.names
 

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from test_diagnosis import recorded
 
+from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.candidates import candidates, impossible, scales
+from frictionpinn.diagnose.diagnosis import diagnose
 from frictionpinn.numerics.along import fastest_period, moving_mass
-from frictionpinn.physics import LAWS
+from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.effects import effects_for
 from frictionpinn.physics.mechanism import Mechanism
 
@@ -71,3 +73,30 @@ def test_scales_of_the_motion_are_those_of_the_recording(drive):
     bench, _ = drive
     assert 0.1 < fastest_period(bench.runs) < 0.7  # forces of 1 and 1.5 Hz, and what friction adds to them
     assert moving_mass(bench.mechanism.system, bench.runs) == pytest.approx(1.0)
+
+
+def test_an_effect_that_stood_in_for_a_later_one_makes_way_for_it():
+    """A torque that reads a ninth too little and has an offset: a ripple stands in for the two until the offset comes,
+    beside which it has the wavelength of gravity, of which the stroke shows no period."""
+    rng, trials = np.random.default_rng(11), []
+    for name, amplitude, slow, fast, seconds in (
+        ("1", 1.0, 1.9, 4.1, 6),
+        ("2", 1.6, 1.2, 3.3, 7),
+        ("3", 0.8, 2.7, 6.1, 8),
+    ):
+        t = np.arange(0, seconds, 1 / 60)
+        theta = amplitude * (np.sin(slow * t) + 0.3 * np.sin(fast * t))
+        omega = amplitude * (slow * np.cos(slow * t) + 0.3 * fast * np.cos(fast * t))
+        alpha = -amplitude * (slow**2 * np.sin(slow * t) + 0.3 * fast**2 * np.sin(fast * t))
+        tau = 0.9 * alpha + 6.0 * np.cos(theta) + 2.5 * np.sign(omega) + 1.3 * omega
+        signals = {"theta": theta, "omega": omega, "alpha": alpha, "tau": tau / 1.12 + 0.4}
+        noisy = {key: y + 0.003 * y.std() * rng.standard_normal(len(t)) for key, y in signals.items()}
+        trials.append(Trial(name, t, noisy))
+    joint = Mechanism(SYSTEMS["joint"](J=0.9, W_cos=6.0, imposed=True), LAWS["coulomb_viscous"]())
+    made = Recording(tuple(trials), {"theta": "rad", "omega": "rad/s", "alpha": "rad/s^2", "tau": "N*m"})
+    tried = ["inertia", "ripple", "constant_force", "sensor_scale"]
+    found = diagnose(joint, made.select(["1", "2"]), made.select(["3"]), effects=tried)
+    assert [a.candidate.name for a in found.accepted] == ["sensor_scale (tau)", "constant_force"]
+    assert found.values["scale_tau"] == pytest.approx(1 / 1.12 - 1, rel=0.01)
+    assert found.values["constant_force"] == pytest.approx(0.4 * 1.12, rel=0.02)
+    assert found.values["mu_c"] == pytest.approx(2.5, rel=0.01)
