@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ..diagnose.verdict import NOTHING, UNEXPLAINED
 from ..evaluate.picture import save_png
-from ..evaluate.style import INK, readable
+from ..evaluate.style import INK
 from ..physics.base import at_contact, plain_name
 from ..robots.balance import Model
 from ..robots.candidates import Term
@@ -31,8 +31,8 @@ def headline(d: RobotDiagnosis) -> str:
     """What was found, in a few sentences."""
     by_effect: dict[str, list[str]] = {}
     for a in d.accepted:
-        where = "" if a.term.joint is None else d.fit.model.names[a.term.joint].removeprefix("joint_")
-        by_effect.setdefault(a.term.kind, []).append(where)
+        kinds = dict.fromkeys([a.term.kind, *(name.partition("@")[0].partition(" ")[0] for name in a.alike)])
+        by_effect.setdefault(" or ".join(kinds), []).append(joint_in(a.term.name).removeprefix("joint_"))
     said = [
         kind.replace("_", " ")
         + (f" in joint{'s' if len(set(j)) > 1 else ''} {', '.join(sorted(set(j)))}" if any(j) else "")
@@ -46,6 +46,11 @@ def headline(d: RobotDiagnosis) -> str:
         held = "held out" if name in held_names(d) else "fitted"
         sentences.append(f"Mean relative torque error on {name} ({held}): {before:.1f} % before, {after:.1f} % after.")
     return " ".join(sentences)
+
+
+def joint_in(term: str) -> str:
+    """The joint in a term's name, ``ripple@joint_3 (force)``; empty where it acts on the robot as a whole."""
+    return term.partition("@")[2].partition(" ")[0]
 
 
 def held_names(d: RobotDiagnosis) -> list[str]:
@@ -83,7 +88,13 @@ def effect_in_words(d: RobotDiagnosis, a: Accepted) -> str:
         if n in model.values
     ]
     about = f" ({mass_by_file(d)})" if a.term.name == "payload" and mass_by_file(d) else ""
-    return f"{a.term.name.partition('@')[0]}: {', '.join(values)}{about}"
+    at = f" of {joint_in(a.term.name)}" if a.term.joint is None and joint_in(a.term.name) else ""
+    return f"{a.term.name.partition('@')[0]}{at}: {', '.join(values)}{about}"
+
+
+def alike_in_words(accepted: Sequence[Accepted]) -> list[str]:
+    """What explains about as much as effects that were added."""
+    return [f"{a.term.name.partition('@')[0]} or {', '.join(a.alike)}" for a in accepted if a.alike]
 
 
 def mass_by_file(d: RobotDiagnosis) -> str:
@@ -125,7 +136,7 @@ def rows(d: RobotDiagnosis) -> list[dict[str, Any]]:
                 "name": d.fit.model.robot.joints[k],
                 "verdict": d.verdicts[joint],
                 "effects": [effect_in_words(d, a) for a in d.at(k)],
-                "alike": [f"{a.term.name.partition('@')[0]} or {', '.join(a.alike)}" for a in d.at(k) if a.alike],
+                "alike": alike_in_words(d.at(k)),
                 "errors": {name: [float(100 * e) for e in d.errors[name][:, k]] for name in shown},
                 "left": left,
             }
@@ -137,7 +148,7 @@ def rows(d: RobotDiagnosis) -> list[dict[str, Any]]:
                 "joint": ROBOT,
                 "name": "as a whole",
                 "verdict": d.verdicts[ROBOT],
-                "alike": [],
+                "alike": alike_in_words(d.at(None)),
                 "effects": [effect_in_words(d, a) for a in d.at(None)],
                 "errors": mean,
                 "left": "",
@@ -225,7 +236,7 @@ def torques_over_time(model: Model, trial: Prepared, lines: Mapping[str, np.ndar
             ax.plot(trial.compared, off[:, k], color=INK[color], lw=0.9, label=label)
         reach = 1.6 * float(np.quantile(np.abs(next(iter(lines.values()))[:, k]), 0.999))
         ax.set_ylim(-reach, reach)
-        ax.set_ylabel(f"{joint.replace('_', ' ')} ({readable('N*m' if model.robot.turns[k] else 'N')})", fontsize=8)
+        ax.set_ylabel(f"{joint.replace('_', ' ')} ({'N m' if model.robot.turns[k] else 'N'})", fontsize=8)
         ax.tick_params(labelsize=8)
         ax.margins(x=0.01)
     for ax in axes[len(model.names) :]:
