@@ -61,8 +61,8 @@ def nearest(name: object, valid: Iterable[str]) -> str:
     return f"did you mean '{close[0]}'?" if close else ""
 
 
-def choose(name: str, table: dict, where: str):
-    """Look ``name`` up in ``table``; raise :class:`UserError` with the nearest valid name otherwise."""
+def choose(name: str, table: dict, where: str, fix: str = "use one of the allowed names"):
+    """Look ``name`` up in ``table``; raise :class:`UserError` with the nearest valid name, or ``fix``, otherwise."""
     if name in table:
         return table[name]
     raise UserError(
@@ -70,7 +70,7 @@ def choose(name: str, table: dict, where: str):
         where=where,
         received=repr(name),
         allowed=", ".join(sorted(table)),
-        fix=nearest(name, table) or "use one of the allowed names",
+        fix=nearest(name, table) or fix,
     )
 
 

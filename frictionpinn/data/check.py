@@ -45,8 +45,7 @@ def check_trial(
             allowed=f"at least {MIN_SAMPLES}",
             fix="record longer, or leave this trial out",
         )
-    for name, values in {"t": trial.t, **trial.signals}.items():
-        _check_finite(values, rows, f"{where}, column '{columns.get(name, name)}'")
+    _check_finite({columns.get(n, n): y for n, y in {"t": trial.t, **trial.signals}.items()}, rows, where)
     _check_time(trial, rows, f"{where}, column '{columns.get('t', 't')}'", split)
 
 
@@ -100,17 +99,21 @@ def _check_present(trial: Trial, where: str, required: Iterable[str]) -> None:
             )
 
 
-def _check_finite(values: np.ndarray, rows: np.ndarray, where: str) -> None:
-    bad = np.flatnonzero(~np.isfinite(values))
-    if not len(bad):
+def _check_finite(table: Mapping[str, np.ndarray], rows: np.ndarray, where: str) -> None:
+    """``table`` has the samples of every column, shape (n,) each."""
+    bad = {name: found for name, values in table.items() if len(found := np.flatnonzero(~np.isfinite(values)))}
+    if not bad:
         return
-    first = values[bad[0]]
+    name, *others = bad
+    first, count = table[name][bad[name][0]], len(bad[name])
+    beside = ", ".join(f"'{other}' ({len(bad[other])})" for other in others)
     raise UserError(
         "missing value" if np.isnan(first) else "infinite value",
-        where=f"{where}, data row {rows[bad[0]]}",
+        where=f"{where}, column '{name}', data row {rows[bad[name][0]]}",
         received="empty or NaN" if np.isnan(first) else f"{first:g}",
         allowed="finite numbers",
-        fix=f"fill or cut the {len(bad)} such row{'s' if len(bad) > 1 else ''}",
+        fix=f"fill or cut the {count} such row{'s' if count > 1 else ''}"
+        + (f", and those of {beside}" if others else ""),
     )
 
 

@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from ..numerics.simulation import Simulation
+from ..show import readable_unit
 from .characteristics import Characteristics
 from .picture import save_png
-from .style import INK, readable
+from .style import INK
 from .trajectory import Trajectory
 from .yardsticks import Candidate
 
@@ -60,7 +62,7 @@ def trajectory_figure(
     rows = 3 if moved else 2
     figure = Figure(figsize=(9, 2.9 * rows), layout="constrained")
     axes = figure.subplots(rows, 1, sharex=True)
-    unit, square = readable(system.force_unit), readable(errors["model"]["online"]["force_mse"]["unit"])
+    unit, square = readable_unit(system.force_unit), readable_unit(errors["model"]["online"]["force_mse"]["unit"])
     first = next(iter(trajectory.seen.values()))
     model = methods["model"]
     shown = {"coulomb_viscous": "baseline", "mujoco": "simulator", "model": "model"}
@@ -90,11 +92,11 @@ def trajectory_figure(
     for axis, kind in zip(axes[:2], KINDS.values(), strict=True):
         axis.set(ylabel=f"friction force, {kind} ({unit})")
         axis.set_ylim(trajectory.force.min() - 0.25 * span, trajectory.force.max() + 0.55 * span)
-        axis.legend(loc="upper right", frameon=False, fontsize=8, ncols=2)
+        axis.legend(loc="upper right", framealpha=0.8, edgecolor="none", fontsize=8, ncols=2)
     if moved:
         name = moved.signals[0]
         axes[2].plot(clean.t, clean.signals[name], color=INK["reference"], lw=1.6)
-        axes[2].set(ylabel=f"{name} ({readable(system.signal_units[name])})")
+        axes[2].set(ylabel=f"{name} ({readable_unit(system.signal_units[name])})")
     axes[-1].set(xlabel="time (s)")
     figure.align_ylabels()
     figure.suptitle(f"{model.label} on {trajectory.name}, {system.title}: friction force, mean square errors")
@@ -112,7 +114,9 @@ def errors_figure(result: Mapping[str, Any]) -> Figure:
     for axis, (name, methods) in zip(panels, table.items(), strict=True):
         for row, (key, entry) in enumerate(methods.items()):
             for shift, kind in zip((-0.18, 0.18), KINDS, strict=True):
-                error = entry.get(kind, {}).get("force_mse")
+                error, at_left = entry.get(kind, {}).get("force_mse"), axis.get_yaxis_transform()
+                if "failed" in entry.get(kind, {}):
+                    axis.text(0.01, row + shift, "failed", transform=at_left, va="center", fontsize=8, style="italic")
                 if error is None:
                     continue
                 edge = INK["reference"] if key == "model" else "none"
@@ -127,6 +131,7 @@ def errors_figure(result: Mapping[str, Any]) -> Figure:
                     axis.plot(error["published"], row + shift, "D", color=INK["reference"], ms=6, label=told)
         axis.set(title=name, xscale="log", xlabel=f"mean square error of the force ({_unit(methods)})")
         axis.set_yticks(range(len(methods)), [entry["label"] for entry in methods.values()])
+        axis.xaxis.set_minor_formatter(NullFormatter())  # within a decade their labels overlap
         axis.margins(x=0.25)
         for side in ("top", "right"):
             axis.spines[side].set_visible(False)
@@ -139,11 +144,11 @@ def errors_figure(result: Mapping[str, Any]) -> Figure:
 
 
 def _unit(methods: Mapping[str, Any]) -> str:
-    return readable(methods["model"]["online"]["force_mse"]["unit"])
+    return readable_unit(methods["model"]["online"]["force_mse"]["unit"])
 
 
 def headline(result: Mapping[str, Any]) -> str:
-    """The model's errors over those of the Coulomb + viscous fit, in words."""
+    """The model's errors over those of the Coulomb + viscous fit, and where it failed, in words."""
     parts = []
     for kind, text in KINDS.items():
         ratios = []
@@ -154,15 +159,22 @@ def headline(result: Mapping[str, Any]) -> str:
         if ratios:
             lowest, highest = min(ratios, key=float), max(ratios, key=float)
             parts.append(f"{text} {float(lowest):g}" + (f" to {float(highest):g}" if highest != lowest else ""))
+    failures = {
+        text: sum("failed" in methods["model"].get(kind, {}) for methods in result["errors"].values())
+        for kind, text in KINDS.items()
+    }
+    failed = "".join(f"; {text} it failed on {n} of {len(result['errors'])}" for text, n in failures.items() if n)
     where = f"on {result['system']}" + ("" if result["system"] == result["trained_on"] else " (transferred)")
     label = f"{result['model'].upper()} {where}"
-    return f"{label}: {', '.join(parts)} times the square error of the Coulomb + viscous fit" if parts else label
+    told = f": {', '.join(parts)} times the square error of the Coulomb + viscous fit" if parts else ""
+    return label + told + failed
 
 
 def characteristics_figure(
     surfaces: Mapping[str, Characteristics], told: Mapping[str, Any], contact: str = ""
 ) -> Figure:
-    """Force over slip velocity and normal force: each model, the truth and, for one model alone, their difference.
+    """Force over slip velocity and normal force: each model, the truth and, for one model alone, their difference; over
+    the slip velocity alone, in one panel, where the normal force never changed.
 
     Args:
         surfaces: name of a model -> its characteristics, all on one grid.
@@ -170,30 +182,50 @@ def characteristics_figure(
         contact: its name, for the title, where there are several.
     """
     first = next(iter(surfaces.values()))
+    if len(first.N) == 1:
+        return _curves(surfaces, told, contact)
     panels = {name: surface.model for name, surface in surfaces.items()}
     if first.truth is not None:
         panels["truth, steady sliding"] = first.truth
     differs = first.truth is not None and len(surfaces) == 1
     figure = Figure(figsize=(4 * (len(panels) + differs), 4), layout="constrained")
     axes = figure.subplots(1, len(panels) + differs, sharex=True, sharey=True, squeeze=False)[0]
-    N = first.N if len(first.N) > 1 else first.N[0] * np.array([0.95, 1.05])
-    shape, unit = (len(N), len(first.v)), readable(told["unit"])
+    unit = readable_unit(told["unit"])
     top = max(float(np.abs(force).max()) for force in panels.values())
     for axis, (name, force) in zip(axes, panels.items(), strict=False):
-        whole = np.broadcast_to(force, shape)
-        image = axis.pcolormesh(first.v, N, whole, cmap="RdBu_r", vmin=-top, vmax=top, shading="gouraud")
+        image = axis.pcolormesh(first.v, first.N, force, cmap="RdBu_r", vmin=-top, vmax=top, shading="gouraud")
         off = surfaces[name].rms if name in surfaces else None
         axis.set(title=name if off is None else f"{name}: {off:.2g} {unit} rms off")
     figure.colorbar(image, ax=axes[: len(panels)], location="bottom", label=f"friction force ({unit})")
     if first.truth is not None and differs:
-        error = np.broadcast_to(first.model - first.truth, shape)
+        error = first.model - first.truth
         reach = float(np.abs(error).max()) or 1.0
-        image = axes[-1].pcolormesh(first.v, N, error, cmap="PuOr_r", vmin=-reach, vmax=reach, shading="gouraud")
+        image = axes[-1].pcolormesh(first.v, first.N, error, cmap="PuOr_r", vmin=-reach, vmax=reach, shading="gouraud")
         axes[-1].set(title="difference")
         figure.colorbar(image, ax=axes[-1], location="bottom", label=f"model less truth ({unit})")
     for axis in axes:
-        axis.set(xlabel=f"slip velocity ({readable(told['v_slip']['unit'])})")
-    axes[0].set(ylabel=f"normal force ({readable(told['normal_force']['unit'])})")
+        axis.set(xlabel=f"slip velocity ({readable_unit(told['v_slip']['unit'])})")
+    axes[0].set(ylabel=f"normal force ({readable_unit(told['normal_force']['unit'])})")
     title = f"Friction characteristics{f' of {contact}' if contact else ''} over the range seen in training"
     figure.suptitle(textwrap.fill(title, 36 * (len(panels) + differs)))
+    return figure
+
+
+def _curves(surfaces: Mapping[str, Characteristics], told: Mapping[str, Any], contact: str) -> Figure:
+    """Force over slip velocity at the one normal force that was seen: each model, and the truth."""
+    first, unit = next(iter(surfaces.values())), readable_unit(told["unit"])
+    figure = Figure(figsize=(6.4, 4), layout="constrained")
+    axis = figure.subplots()
+    if first.truth is not None:
+        axis.plot(first.v, first.truth[0], color=INK["reference"], lw=1.6, label="truth, steady sliding")
+    inks = [INK[name] for name in ("model", "observer", "simulator", "baseline")]
+    for k, (name, surface) in enumerate(surfaces.items()):
+        off = "" if surface.rms is None else f": {surface.rms:.2g} {unit} rms off"
+        axis.plot(first.v, surface.model[0], color=inks[k % len(inks)], label=f"{name}{off}")
+    axis.axhline(0.0, color=INK["baseline"], lw=0.6, zorder=0)
+    axis.set(xlabel=f"slip velocity ({readable_unit(told['v_slip']['unit'])})", ylabel=f"friction force ({unit})")
+    axis.legend(loc="upper left", frameon=False)
+    of, load = f" of {contact}" if contact else "", f"{first.N[0]:.3g} {readable_unit(told['normal_force']['unit'])}"
+    title = f"Friction characteristics{of} over the range seen in training, at a normal force of {load}"
+    figure.suptitle(textwrap.fill(title, 62))
     return figure

@@ -9,8 +9,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from ..show import Table
-from .style import INK, readable
+from ..show import Table, readable_unit
+from .style import INK
 
 LABELS = {
     "maximum_likelihood": "maximum likelihood",
@@ -41,9 +41,9 @@ def summary(runs: list[Mapping[str, Any]], key: str, name: str | None = None) ->
 def rows(result: Mapping[str, Any]) -> Iterator[list[str]]:
     """Cells of the table, the heading first: median [lowest, highest] over the seeds; the truth last."""
     names = [name for name in result["units"] if name != "force_mse"]
-    units = [readable(result["units"][name]) for name in names]
+    units = [readable_unit(result["units"][name]) for name in names]
     heads = [name if unit == "1" else f"{name} ({unit})" for name, unit in zip(names, units, strict=True)]
-    force = readable(result["units"]["force_mse"])
+    force = readable_unit(result["units"]["force_mse"])
     yield [
         "estimator",
         *heads,
@@ -81,7 +81,10 @@ def table(result: Mapping[str, Any]) -> str:
     lines = [_text([row[:first] for row in cells]), "", _text(effort)]
     seeds = len(result["seeds"])
     several = f"median [lowest, highest] over {seeds} seeds; " if seeds > 1 else ""
-    lines.append(f"{several}force error: held-out trial simulated; complete: every parameter was found")
+    whole = [run.get("force_mean_square") for runs in result["methods"].values() for run in runs]
+    unit = readable_unit(result["units"]["force_mse"])
+    of = f" (mean square of the force itself: {whole[0]:.3g} {unit})" if whole and whole[0] is not None else ""
+    lines.append(f"{several}force error: held-out trial simulated{of}; complete: every parameter was found")
     if result.get("start") is not None:
         label = LABELS.get(str(result["start"]), "")
         lines.append(
@@ -103,7 +106,7 @@ def error_against_time(results: Mapping[str, Mapping[str, Any]]) -> Figure:
                 times, errors = zip(*way, strict=True)
                 axis.plot(times, errors, color=COLORS[method], lw=1.0, alpha=0.7, zorder=2)
                 axis.plot(times[-1], errors[-1], "o", color=COLORS[method], ms=6, zorder=3)
-        unit = readable(result["units"]["force_mse"])
+        unit = readable_unit(result["units"]["force_mse"])
         axis.set(xscale="log", yscale="log", xlabel="processor time (s)", title=title)
         axis.grid(True, which="major", color="#e8ecf1", zorder=0)
     panels[0].set(ylabel=f"mean square error of the simulated force ({unit})")

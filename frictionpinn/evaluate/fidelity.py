@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from ..show import readable_unit
 from .simulators import SIMULATORS
-from .style import readable
 
 
 def fidelity(errors: Mapping[str, Any]) -> dict[str, Any]:
@@ -47,12 +47,13 @@ def sentences(table: Mapping[str, Any]) -> Iterator[str]:
             for entry in rows.values():
                 force, label = entry["force_mse"], SIMULATORS[simulator][1]
                 moved = "".join(
-                    f"; {signal} rms off by {pair['simulator']:.2g} and {pair['ours']:.2g} {readable(pair['unit'])}"
+                    f"; {signal} rms off by {pair['simulator']:.2g} and {pair['ours']:.2g} "
+                    f"{readable_unit(pair['unit'])}"
                     for signal, pair in entry.get("position_rms", {}).items()
                 )
                 times = "" if force["ratio"] is None else f", {_compared(force['ratio'])}"
                 yield (
                     f"{name}, in simulation: mean square error of the force {force['simulator']:.3g} "
-                    f"{readable(force['unit'])} with {label}'s own friction, fitted, and {force['ours']:.3g} with "
+                    f"{readable_unit(force['unit'])} with {label}'s own friction, fitted, and {force['ours']:.3g} with "
                     f"{entry['label']}{times}{moved}"
                 )

@@ -7,10 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..show import page, picture
+from ..show import page, picture, readable_unit
 from .draw import KINDS, headline
 from .fidelity import sentences
-from .style import readable
 
 _MOTION = ("position_rms", "velocity_rms")
 _CAPTIONS = {
@@ -24,7 +23,7 @@ _CAPTIONS = {
 def columns(result: Mapping[str, Any], trajectory: str) -> list[str]:
     """Heads of the table of one trajectory, with units; a column of published figures only where there are any."""
     methods = [entry for table in result["errors"].values() for entry in table.values()]
-    force = readable(result["errors"][trajectory]["model"]["online"]["force_mse"]["unit"])
+    force = readable_unit(result["errors"][trajectory]["model"]["online"]["force_mse"]["unit"])
     heads = ["method"]
     for kind, text in KINDS.items():
         heads += [
@@ -34,7 +33,7 @@ def columns(result: Mapping[str, Any], trajectory: str) -> list[str]:
     runs = [entry.get("in_simulation", {}) for entry in methods]
     motion: Mapping[str, Any] = next((run for run in runs if "position_rms" in run), {})
     for kind in _MOTION:
-        heads += [f"{name} rms ({readable(entry['unit'])})" for name, entry in motion.get(kind, {}).items()]
+        heads += [f"{name} rms ({readable_unit(entry['unit'])})" for name, entry in motion.get(kind, {}).items()]
     return heads
 
 

@@ -9,8 +9,3 @@ INK |= {"observer": "#00798c", "simulator": "#edae49"}
 def squared(unit: str) -> str:
     """Unit of a mean square error."""
     return f"({unit})^2" if "*" in unit else f"{unit}^2"
-
-
-def readable(unit: str) -> str:
-    """Unit as people write it: N*m becomes N m, a square gets its sign."""
-    return unit.replace("*", " ").replace("^2", "²")

@@ -118,7 +118,7 @@ def error_in_words(d: Diagnosis) -> str:
         noise += f" ({other} {entry['noise_other']:.3g}: noise correlated in time, or a model far off)"
     count = entry.get("outliers_left_out")
     noise += f" ({count} outliers left out)" if count else ""
-    unit = entry["unit"].replace("*", " ")
+    unit = readable_unit(entry["unit"])
     return f"Error{what} beyond the noise, {d.scored}, {unit}: {old} before, {new} after; {noise}."
 
 

@@ -16,7 +16,8 @@ from ..diagnose.diagnosis import Diagnosis
 from ..diagnose.errors import main_signal
 from ..diagnose.verdict import Unexplained
 from ..evaluate.picture import save_png
-from ..evaluate.style import INK, readable
+from ..evaluate.style import INK
+from ..show import readable_unit
 from .diagnosis import dependence, evidence_so_far
 from .words import spaced
 
@@ -55,7 +56,7 @@ def error_figure(d: Diagnosis) -> Figure:
         reach = np.maximum([value - low, high - value], 0.0)
         axes.errorbar(value, place, xerr=reach, fmt="none", ecolor=INK["reference"], lw=1.2, capsize=3)
         for name, y, end, entry in zip(names, place, np.maximum(high, value), entries, strict=True):
-            text = f"{entry['value']:.3g} {readable(d.errors[name]['unit'])}"
+            text = f"{entry['value']:.3g} {readable_unit(d.errors[name]['unit'])}"
             axes.annotate(text, (end, y), (5, 0), textcoords="offset points", va="center", fontsize=8, bbox=clear)
     axes.margins(x=0.2)
     axes.set_xlim(left=0.0)
@@ -146,7 +147,7 @@ def residual_figure(d: Diagnosis) -> Figure:
     trials = [k for k, piece in enumerate(pieces) if name in piece.residuals][:MOST_TRIALS]
     figure = Figure(figsize=(9, 1.6 + 1.7 * len(trials)), layout="constrained")
     rows = figure.subplots(len(trials), 1, squeeze=False)[:, 0]
-    unit, sigma = readable(d.errors[name]["unit"]), d.noise.get(name, 0.0)
+    unit, sigma = readable_unit(d.errors[name]["unit"]), d.noise.get(name, 0.0)
     for axes, k in zip(rows, trials, strict=True):
         t = d.before.models[k].t
         axes.axhspan(-2 * sigma, 2 * sigma, color=INK["band"], label="noise, two standard deviations")
@@ -173,8 +174,8 @@ def remainder_figure(d: Diagnosis, rest: Unexplained) -> Figure:
     system, name = d.bench.mechanism.system, rest.depends_on[0]
     units = {"time": "s", "position": system.slip_unit, "velocity": f"{system.slip_unit}/s",
              "acceleration": f"{system.slip_unit}/s^2", "normal_force": "N", **system.signal_units}  # fmt: skip
-    what = f"force ({readable(rest.unit)})" if rest.kind == "force" else "share of dry friction"
-    axes.set(xlabel=f"{spaced(name)} ({readable(units.get(name, ''))})", ylabel=what)
+    what = f"force ({readable_unit(rest.unit)})" if rest.kind == "force" else "share of dry friction"
+    axes.set(xlabel=f"{spaced(name)} ({readable_unit(units.get(name, ''))})", ylabel=what)
     lines = filter(None, (f"no name fits: {dependence(rest)}", rest.formula))
     axes.set_title("\n".join(textwrap.fill(line, 75) for line in lines), fontsize=11)
     axes.legend(frameon=False, fontsize=8)

@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from ..evaluate.style import INK, readable
+from ..evaluate.style import INK
+from ..show import readable_unit
 
 KINDS = {"online": "online", "in_simulation": "in simulation"}
 SWEPT = {
@@ -88,7 +89,7 @@ def transfer_figure(found: Mapping[str, Any]) -> Figure:
             else:
                 axis.set_xlabel("tested on")
         axes[row][0].set_ylabel(f"{text}\ntrained on")
-    figure.colorbar(image, ax=axes, label=f"mean square error of the force ({readable(found['unit'])})")
+    figure.colorbar(image, ax=axes, label=f"mean square error of the force ({readable_unit(found['unit'])})")
     figure.suptitle("Transfer between systems")
     return figure
 
@@ -128,7 +129,7 @@ def ablation_figure(found: Mapping[str, Any]) -> Figure:
         axis.margins(x=0.15, y=0.2)
         axis.spines[["top", "right"]].set_visible(False)
     for axis in axes[::columns]:
-        axis.set_ylabel(f"error ({readable(found['unit'])})")
+        axis.set_ylabel(f"error ({readable_unit(found['unit'])})")
     figure.suptitle(
         "What each choice buys: force error, online on the held-out swing unless said; the default is filled"
     )

@@ -59,7 +59,7 @@ def build_system(cfg: Config) -> System:
     if cfg["name"] == "robot":
         raise UserError("a robot in a command that does not know robots", where="system", received="robot",
                         allowed="check, train, identify, diagnose", fix="choose one of them")  # fmt: skip
-    kind = choose(cfg["name"], SYSTEMS, "system")
+    kind = choose(cfg["name"], SYSTEMS, "system", fix="name the file that defines it, extensions=[FILE.py]")
     imposed = bool(cfg.get("imposed")) and not kind.massless
     driven = cfg.get("driven")
     return kind(equations=cfg.get("equations", "lagrange"), driven=None if driven is None else tuple(driven),

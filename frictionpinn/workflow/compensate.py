@@ -20,12 +20,12 @@ from ..control.recursions import inertia
 from ..control.references import Reference, stroke
 from ..data.recording import Recording
 from ..errors import UserError, choose
-from ..evaluate.style import INK, readable
+from ..evaluate.style import INK
 from ..online.check import finite
 from ..physics import LAWS
 from ..physics.effect import Effect
 from ..physics.mechanism import Mechanism
-from ..show import page, picture, png
+from ..show import page, picture, png, readable_unit
 from .build import Config, build_system
 from .manifest import write_json
 from .provenance import commit, versions
@@ -159,11 +159,11 @@ def check_machine(plant: Plant, gains: Gains, loop: Mapping[str, float], reach: 
     breakaway = dry_friction(plant.mechanism, plant.parameters)
     if not plant.limit > breakaway:
         raise UserError("torque limit below the machine's friction", where="machine.limit", received=plant.limit,
-                        allowed=f"above {breakaway:.3g} {readable(force)}, or nothing moves")  # fmt: skip
+                        allowed=f"above {breakaway:.3g} {readable_unit(force)}, or nothing moves")  # fmt: skip
     span = (reach[1] - reach[0]) / 10
     if not 0 < plant.resolution <= span:
         raise UserError("encoder that does not show the motion", where="machine.resolution", received=plant.resolution,
-                        allowed=f"above 0, up to {span:.3g} {readable(unit)}, a tenth of the stroke")  # fmt: skip
+                        allowed=f"above 0, up to {span:.3g} {readable_unit(unit)}, a tenth of the stroke")  # fmt: skip
 
 
 def identified(
@@ -207,7 +207,7 @@ def _rms(loop: Loop) -> float:
 
 
 def _told(value: float, unit: str) -> str:
-    return f"{1e6 * value:.3g} µ{readable(unit)}"
+    return f"{1e6 * value:.3g} µ{readable_unit(unit)}"
 
 
 def _lower(row: Mapping[str, float]) -> str:
@@ -251,8 +251,10 @@ def _figure(before: Loop, after: Loop, unit: str, force: str) -> Figure:
     bottom.plot(after.t, after.friction, color=INK["reference"], lw=1.3, label="true friction")
     bottom.plot(after.t, after.added, color=INK["model"], lw=0.9, label="added, with its 95 % interval")
     bottom.fill_between(after.t, after.low, after.high, color=INK["model"], alpha=0.2, lw=0)
-    top.set(ylabel=f"tracking error (µ{readable(unit)})", title="Compensation takes the error of the reversals away")
-    bottom.set(xlabel="time (s)", ylabel=f"friction ({readable(force)})")
+    top.set(
+        ylabel=f"tracking error (µ{readable_unit(unit)})", title="Compensation takes the error of the reversals away"
+    )
+    bottom.set(xlabel="time (s)", ylabel=f"friction ({readable_unit(force)})")
     for axis in (top, bottom):
         low, high = axis.get_ylim()
         axis.set_ylim(low, high + 0.25 * (high - low))

@@ -20,6 +20,7 @@ from ..evaluate.published import add_published
 from ..evaluate.trajectory import Trajectory, compare
 from ..models import FrictionEnsemble, FrictionModel
 from ..physics import System
+from ..show import readable_unit
 from .build import Config, build_system
 from .configs import called
 from .experiment import build_data
@@ -57,6 +58,11 @@ def evaluate(cfg: Config) -> dict[str, Any]:
     away = transferred(trained, cfg.get("system"), cfg["trajectories"]) if simulated else trained
     system = build_system(away["system"])
     log.info(f"evaluating {trained['model']['name']}, trained on {home.title}, on {system.title}")
+    here, there = ((s.slip_unit, s.force_unit) for s in (home, system))
+    if here != there:
+        (slip, force), (other, unit) = (map(readable_unit, pair) for pair in (here, there))
+        log.warning(f"mind: the model was trained on a slip in {slip} and a force in {force}; on {system.name}, in "
+                    f"{other} and {unit}, its numbers are taken as they are")  # fmt: skip
     data = build_data(trained, home)
     train = data.select("train")
     local = data if system.name == home.name else build_data(away, system)

@@ -161,6 +161,8 @@ class Scorer:
     def __init__(self, mechanism: Mechanism, fixed: Mapping[str, float], trajectories: list[Trajectory]):
         self.law, self.fixed, self.trajectories = mechanism.law.name, dict(fixed), trajectories
         self.simulator = Simulator(mechanism)
+        forces = [item.force for item in trajectories]
+        self.mean_square = float(np.mean(np.concatenate(forces) ** 2)) if forces else None  # a yardstick: no model
 
     def __call__(self, values: Mapping[str, float]) -> float | None:
         """None where a value is missing, the mechanism cannot be simulated, or there is nothing to compare with."""
@@ -197,6 +199,7 @@ def _entry(found: Estimate, processor: float, scorer: Scorer, start: Mapping[str
         "processor_seconds": round(processor, 3),
         "simulations": found.n_simulations,
         "force_mse": mse,
+        "force_mean_square": scorer.mean_square,
         "trace": [*trace, [processor, mse]],
     }
 

@@ -25,6 +25,7 @@ from .contact_options import contact_options
 from .manifest import check_free
 
 FILES = re.compile(r"data\.path=glob\(")  # Hydra's own glob() is of the options of groups
+EXTENDED = ("system", "friction")  # groups to which users add options of their own
 
 
 def parsed(arguments: Sequence[str]) -> argparse.Namespace:
@@ -187,12 +188,13 @@ def _check_choice(configs: Configs, override: Override) -> None:
         raise UserError("cannot be left out", where=group, allowed=", ".join(valid))
     for value in _values(override):
         if str(value) not in valid and not (value is None and group in ("experiment", "preset")):
+            own = f"; one of your own is FOLDER/{group}/{value}.yaml with --config-dir FOLDER, and extensions=[FILE.py]"
             raise UserError(
                 "unknown option",
                 where=group,
                 received=str(value),
                 allowed=", ".join(valid),
-                fix=nearest(value, valid) or "use one of the allowed names",
+                fix=nearest(value, valid) or "use one of the allowed names" + (own if group in EXTENDED else ""),
             )
 
 
@@ -228,7 +230,8 @@ def _check_type(key: str, before: object, after: object) -> None:
     kind = "list" if OmegaConf.is_list(before) else "table" if OmegaConf.is_dict(before) else ""
     same = isinstance(after, list) or OmegaConf.is_list(after) if kind == "list" else isinstance(after, Mapping)
     if kind and after is not None and not same:
-        example = "[1, 2]" if kind == "list" else "{key: value}"
+        alone = kind == "list" and isinstance(after, str | int | float)
+        example = f"[{after}]" if alone else "[1, 2]" if kind == "list" else "{key: value}"
         raise UserError(f"not a {kind}", where=key, received=repr(after), allowed=f"a {kind} such as {example}")
     whole = isinstance(before, int) and re.search(r"epochs|steps|seed|patience|width|depth|bits|size|iter", key)
     if whole and isinstance(after, float) and not after.is_integer():

@@ -16,6 +16,7 @@ from ..evaluate.draw import characteristics_figure
 from ..evaluate.figures import force_over_time, force_over_velocity, residuals
 from ..evaluate.force import CoulombViscousFit, force_errors
 from ..evaluate.picture import save_png
+from ..evaluate.style import squared
 from ..models import FrictionEnsemble, FrictionModel
 from ..models.base import Batch
 from ..models.ensemble import losses_of
@@ -23,6 +24,7 @@ from ..physics import LAWS, FrictionLaw, System
 from ..physics.base import at_contact, contact_of, plain_name
 from ..physics.contacts import by_parameter, law_named, laws_of
 from ..physics.mechanism import Mechanism
+from ..show import readable_unit
 from .build import Config
 from .configs import called
 from .dashboard import show_figures, show_hyper_parameters
@@ -99,8 +101,7 @@ def report(
 
 
 def _with_unit(errors: Config, unit: str) -> Config:
-    square = f"({unit})^2" if "*" in unit else f"{unit}^2"
-    return {"unit": {"rmse": unit, "mse": square, "relative": "1"}, **errors}
+    return {"unit": {"rmse": unit, "mse": squared(unit), "relative": "1"}, **errors}
 
 
 def over_contacts(errors: Mapping[str, Config], system: System) -> Config:
@@ -178,7 +179,7 @@ def figures(
         system, train, trials, model: of one contact; ``truth`` the law there and its parameters.
     """
     name = model.hparams["name"].upper()
-    unit, slip = readable(system.force_unit), readable(f"{system.slip_unit}/s")
+    unit, slip = readable_unit(system.force_unit), readable_unit(f"{system.slip_unit}/s")
     ours, theirs = errors["model"]["rmse"], errors["coulomb_viscous"]["rmse"]
     labels = {f"{name}: {ours:.3g} {unit} rms": model, f"Coulomb + viscous fit: {theirs:.3g} {unit} rms": baseline}
     predicted = {label: [item.predict_trial(trial)["force"] for trial in trials] for label, item in labels.items()}
@@ -215,8 +216,9 @@ def doubts(result: Mapping[str, Any]) -> list[str]:
         if ours["rmse"] >= theirs["rmse"]:
             said.append(f"the model predicts no better{at} than Coulomb + viscous friction, two numbers")
         if ours["relative"] > HALF:
-            said.append(f"it leaves {100 * ours['relative']:.0f} % of the force{at}: {called('check')} tells of signs, "
-                        "units and masses")  # fmt: skip
+            wrong = theirs["relative"] > HALF  # two numbers do no better: it is not the training
+            why = f"{called('check')} tells of signs, units and masses" if wrong else "train longer, trainer.max_epochs"
+            said.append(f"it leaves {100 * ours['relative']:.0f} % of the force{at}: {why}")
     for name, entry in result["parameters"].items():
         if "bounds" in entry and at_bound(entry["value"], *entry["bounds"]):
             said.append(f"{name} ended at its bound, {entry['value']:.3g}: give friction.bounds.{name} more room, or "
@@ -233,11 +235,6 @@ def at_bound(value: float, low: float, high: float) -> bool:
     return not AT_BOUND < share < 1 - AT_BOUND
 
 
-def readable(unit: str) -> str:
-    """Unit as people write it: N*m becomes N m."""
-    return unit.replace("*", " ")
-
-
 def summarise(result: Mapping[str, Any], folder: Path) -> str:
     """What a person wants to read after a training."""
     lines = []
@@ -247,7 +244,7 @@ def summarise(result: Mapping[str, Any], folder: Path) -> str:
         for name, entry in result["parameters"].items():
             truth = f"{entry['truth']:>12.5g}" if "truth" in entry else f"{'':>12}"
             start = f"{entry['start']:>12.5g}" if entry["trained"] else f"{'fixed':>12}"
-            lines.append(f"{name:<{wide}}{entry['value']:>12.5g}  {readable(entry['unit']):<10}{start}{truth}")
+            lines.append(f"{name:<{wide}}{entry['value']:>12.5g}  {readable_unit(entry['unit']):<10}{start}{truth}")
     if "refined" in result:
         refined = result["refined"]
         lines.append(f"refined by maximum likelihood ({refined['outcome']}, {refined['seconds']:.1f} s):")
@@ -255,12 +252,14 @@ def summarise(result: Mapping[str, Any], folder: Path) -> str:
             low, high = (np.nan if bound is None else bound for bound in entry["ci95"])
             value = np.nan if entry["value"] is None else entry["value"]
             truth = f"{entry['truth']:>12.5g}" if "truth" in entry else ""
-            lines.append(f"{name:<{wide}}{value:>12.5g}  {readable(entry['unit']):<10}[{low:.5g}, {high:.5g}]{truth}")
+            lines.append(
+                f"{name:<{wide}}{value:>12.5g}  {readable_unit(entry['unit']):<10}[{low:.5g}, {high:.5g}]{truth}"
+            )
         lines += [f"  {sentence}" for sentence in refined["advice"]]
     whole = result["force_error"]
     lines.append(f"force error on {whole['on']}, against the {whole['model']['reference']}:")
     for contact, error in whole.get("contacts", {"": whole}).items():
-        unit, at = readable(error["unit"]["rmse"]), f", {contact}" if contact else ""
+        unit, at = readable_unit(error["unit"]["rmse"]), f", {contact}" if contact else ""
         for key, label in (("model", result["model"]), ("coulomb_viscous", "Coulomb + viscous fit")):
             item, told = error[key], f"{label}{at}"
             lines.append(f"  {told:<{22 + len(at)}}{item['rmse']:>10.4g} {unit} rms  "

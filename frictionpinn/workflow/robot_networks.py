@@ -26,12 +26,13 @@ from ..robots.identify import identify, relative_errors
 from ..robots.least_squares import Solution
 from ..robots.networks import OFFSET, Trained, joint_trials, kernel_of, law_values, start, weights
 from ..robots.recording import TORQUE_AT
+from ..show import readable_unit
 from .build import Config, mapping, seed_of
 from .dashboard import show_figures, show_hyper_parameters
 from .experiment import common_options
 from .manifest import write_json
 from .provenance import commit, versions
-from .result import final_losses, readable
+from .result import final_losses
 from .robot_bench import Bench, bench
 from .train import trained
 
@@ -219,7 +220,7 @@ def _summary(result: Mapping[str, Any], folder: Path) -> str:
         lines.append(f"{'parameter':<18}{'value':>12}  {'unit':<12}{'identified':>12}")
         for name, p in result["parameters"].items():
             begun = f"{p['start']:>12.4g}" if p["trained"] else f"{'fixed':>12}"
-            lines.append(f"{name:<18}{p['value']:>12.4g}  {readable(p['unit']):<12}{begun}")
+            lines.append(f"{name:<18}{p['value']:>12.4g}  {readable_unit(p['unit']):<12}{begun}")
     held = result["data"]["trials"]["held_out"]
     lines.append("relative torque error in %, joint by joint, and their mean:")
     labels = {"coulomb_viscous": "Coulomb + viscous", "identified": "identified", "model": result["model"]}

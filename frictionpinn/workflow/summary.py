@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..evaluate.picture import save_png
+from ..show import readable_unit
 from .manifest import Job, result_of, status_of
 from .summary_figure import summary_figure
 
@@ -112,7 +113,7 @@ def print_table(grouped: Sequence[Row], keys: Sequence[str]) -> None:
     for entry in grouped:
         cells = [str(entry[key]) for key in keys] + [f"{entry['runs']} of {entry['jobs']}"]
         if "force_rmse_mean" in entry:
-            unit = str(entry["force_unit"]).replace("*", " ")
+            unit = readable_unit(str(entry["force_unit"]))
             cells.append(f"{spread(entry, 'force_rmse')} {unit}".rstrip())
             cells.append(f"{entry['force_rmse_mean'] / entry['coulomb_viscous_rmse_mean']:.3g}")
             cells += [f"{100 * entry[f'{n}_off_abs']:.2g}" if f"{n}_off_abs" in entry else "" for n in names]

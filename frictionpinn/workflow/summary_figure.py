@@ -8,6 +8,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from ..show import readable_unit
+
 _POINT, _MEAN = "#8d99ae", "#d1495b"
 _PARAMETERS = ("#1b6ca8", "#d1495b", "#2e933c", "#edae49", "#6d597a", "#444444", "#00798c")
 
@@ -27,7 +29,7 @@ def summary_figure(rows: Sequence[Mapping[str, Any]], grouped: Sequence[Mapping[
     panels = figure.subplots(len(units), columns, squeeze=False, gridspec_kw={"height_ratios": heights})
     for line, unit in enumerate(units):
         mine = [entry for entry in shown if entry["force_unit"] == unit]
-        _forces(panels[line][0], rows, mine, keys, unit.replace("*", " "))
+        _forces(panels[line][0], rows, mine, keys, readable_unit(unit))
         if names:
             _parameters(panels[line][1], mine, names, labelled=line == 0)
     if names:
@@ -45,7 +47,7 @@ def headline(shown: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> str:
     if len({entry["force_unit"] for entry in shown}) > 1 or len(shown) < 2:
         return "Force error on held-out trials"
     best = min(shown, key=lambda entry: entry["force_rmse_mean"])
-    unit = best["force_unit"].replace("*", " ")
+    unit = readable_unit(best["force_unit"])
     return f"Lowest force error on held-out trials: {_label(best, keys)}, {best['force_rmse_mean']:.3g} {unit} rms"
 
 

@@ -200,6 +200,15 @@ def test_the_first_bad_row_is_named(tmp_path, row, column, value, pattern, name)
     refused(pattern, tmp_path / name)
 
 
+def test_missing_values_of_all_columns_are_told_at_once(tmp_path):
+    gaps = table()
+    gaps["t"][2] = gaps["x"][4] = gaps["x"][9] = np.nan
+    refused(
+        r"column 't', data row 3 .*; fill or cut the 1 such row, and those of 'x' \(2\)",
+        write_csv(tmp_path / "a.csv", gaps),
+    )
+
+
 def test_row_numbers_count_in_the_file_and_not_in_the_trial(tmp_path):
     both = {key: np.tile(values, 2) for key, values in table().items()} | {"run": np.repeat([1, 2], 20)}
     both["x"][30] = np.nan

@@ -7,7 +7,7 @@ import pytest
 from test_in_simulation import model_of
 
 from frictionpinn.data.contact import ContactTrial
-from frictionpinn.evaluate.characteristics import characteristics, mobility, steady_force
+from frictionpinn.evaluate.characteristics import Characteristics, characteristics, mobility, steady_force
 from frictionpinn.evaluate.draw import characteristics_figure
 from frictionpinn.physics import LAWS, SYSTEMS
 
@@ -59,3 +59,13 @@ def test_three_panels_with_units(models, trial):
     assert len(panels) == 3 and all(axes.get_xlabel() == "slip velocity (m/s)" for axes in panels)
     assert panels[0].get_ylabel() == "normal force (N)"
     assert any("friction force (N)" in axes.get_xlabel() for axes in figure.axes)  # of a colour bar, below the panels
+
+
+def test_over_a_normal_force_that_never_changed_they_are_curves_in_one_panel(trial):
+    whole = characteristics(model_of("pe2"), SYSTEMS["pob"](), [trial], LAWS["lugre"](), TRUTH, 11)
+    surface = Characteristics(whole.v, whole.N[:1], whole.model[:1], whole.truth[:1])
+    units = {"unit": "N", "v_slip": {"unit": "m/s"}, "normal_force": {"unit": "N"}}
+    figure = characteristics_figure({"PE2": surface}, units)
+    (axis,) = figure.axes
+    np.testing.assert_array_equal([line.get_ydata() for line in axis.lines[:2]], [whole.truth[0], whole.model[0]])
+    assert axis.get_ylabel() == "friction force (N)" and f"normal force of {whole.N[0]:.3g} N" in figure.get_suptitle()

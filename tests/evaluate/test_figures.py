@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from frictionpinn.data.contact import ContactTrial
-from frictionpinn.evaluate.estimators import error_against_time
+from frictionpinn.evaluate.draw import errors_figure, headline
+from frictionpinn.evaluate.estimators import error_against_time, table
 from frictionpinn.evaluate.figures import force_over_time, force_over_velocity
 
 
@@ -67,3 +68,23 @@ def test_titles_of_the_figure_of_estimators_fit_into_it(panels):
     assert box.x0 >= canvas.x0 and box.x1 <= canvas.x1
     legend = figure.legends[0].get_window_extent()
     assert legend.x0 >= canvas.x0 and legend.x1 <= canvas.x1
+
+
+def test_the_table_of_estimators_tells_how_large_the_force_itself_is():
+    run = {"values": {"mu_c": 0.3}, "seconds": 1.0, "processor_seconds": 1.0, "simulations": 5, "force_mse": 0.02}
+    result = {"methods": {"maximum_likelihood": [run | {"force_mean_square": 4.1}]}, "seeds": [0], "truth": None}
+    assert "(mean square of the force itself: 4.1 N²)" in table(result | {"units": {"mu_c": "1", "force_mse": "N^2"}})
+
+
+def test_a_simulation_that_failed_is_marked_and_told_in_the_title():
+    def entry(simulated):
+        return {"label": "a model", "online": {"force_mse": {"value": 0.1, "unit": "N^2"}}, "in_simulation": simulated}
+
+    fine = entry({"force_mse": {"value": 0.2, "unit": "N^2"}})
+    errors = {"1": {"model": entry({"failed": "contact lost"}), "coulomb_viscous": fine},
+              "2": {"model": fine, "coulomb_viscous": fine}}  # fmt: skip
+    result = {"errors": errors, "system": "pob", "trained_on": "pob", "model": "pe2"}
+    assert headline(result).endswith("; in simulation it failed on 1 of 2")
+    first, second, *_ = errors_figure(result).axes
+    assert "failed" in [text.get_text() for text in first.texts]
+    assert "failed" not in [text.get_text() for text in second.texts]

@@ -92,12 +92,14 @@ def test_a_training_that_is_told_to_go_on_warns_and_says_that_its_model_is_none(
 
 
 def test_a_model_that_is_worth_it_raises_no_doubt_but_of_what_a_training_cannot_tell():
-    error = {"model": {"rmse": 0.1, "relative": 0.1}, "coulomb_viscous": {"rmse": 0.3}}
+    error = {"model": {"rmse": 0.1, "relative": 0.1}, "coulomb_viscous": {"rmse": 0.3, "relative": 0.3}}
     assert doubts({"force_error": error, "parameters": {}}) == []
     (said,) = doubts({"force_error": error, "parameters": {"mu_c": {}, "v_s": {}}})
     assert "v_s" in said and "refine=true" in said
-    error["model"] |= {"rmse": 0.3, "relative": 0.6}
-    assert len(doubts({"force_error": error, "parameters": {}})) == 2
+    error["model"] |= {"rmse": 0.6, "relative": 0.6}
+    assert "train longer" in doubts({"force_error": error, "parameters": {}})[1]
+    error["coulomb_viscous"] |= {"rmse": 0.7, "relative": 0.7}
+    assert "tells of signs, units and masses" in doubts({"force_error": error, "parameters": {}})[0]
 
 
 def test_a_parameter_that_a_training_leaves_at_its_bound_is_told():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from frictionpinn.errors import UserError
+from frictionpinn.workflow.build import build_system
 from frictionpinn.workflow.cli import check_command_line
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
@@ -98,6 +99,8 @@ def test_an_unknown_file_is_refused_with_the_nearest_one(check, csv, tmp_path):
 OPTIONS = {
     "model=pe3": r"unknown option: model is pe3; allowed: bb1, bb2, pe1, pe2; did you mean 'pe\d'",
     "system=pop": r"system is pop; .*did you mean 'pob'",
+    "system=belt": r"system is belt; .*one of your own is FOLDER/system/belt.yaml .*extensions=\[FILE.py\]",
+    "extensions=belt.py": r"not a list: extensions is 'belt.py'; allowed: a list such as \[belt.py\]",
     "friction=lugree": r"friction is lugree; .*did you mean 'lugre'",
     "optimizer=adan": r"optimizer is adan; .*did you mean 'adam'",
     "noise=gausian": r"noise is gausian; .*did you mean 'gaussian'",
@@ -156,6 +159,11 @@ OPTIONS = {
 @pytest.mark.parametrize("override", OPTIONS)
 def test_a_wrong_option_is_refused(check, tmp_path, override):
     refused(check, tmp_path, OPTIONS[override], override)
+
+
+def test_a_system_whose_values_are_there_without_its_file_is_told_where_that_goes():
+    with pytest.raises(UserError, match=r"system is 'belt'; .*name the file that defines it, extensions=\[FILE.py\]"):
+        build_system({"name": "belt", "parameters": {}})
 
 
 def test_a_public_set_with_another_system_is_refused(check, tmp_path):
