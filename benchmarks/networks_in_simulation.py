@@ -1,12 +1,14 @@
 """Networks with memory on the pendulum on a box: in simulation, online, parameters, and 200 random swings.
 
     python benchmarks/networks_in_simulation.py [--models pe2 bb2 pe1 bb1] [--seeds 5] [--swings 200] [--decade]
+    python benchmarks/networks_in_simulation.py --system drive --swings 0        (or sdob)
 
 Trained by experiment=memory on the six-trial protocol at 5 % noise, with seeds from 1000, on which no choice was made;
-scored on Traj. 1 and Traj. 2 of conf/evaluate.yaml. The swings: 2 s of 30 to 65 degrees at 0.7 to 1.2 Hz, skewed at
-random, then 1 s of rest, in which a limit cycle would show. Writes networks_in_simulation_<model>.txt of
-benchmarks/results, with --decade networks_in_simulation_<model>_decade.txt. Every training and swing is kept as it
-comes in the .json beside it, from which the next call goes on; --fresh begins anew.
+scored on Traj. 1 and Traj. 2 of conf/evaluate.yaml, or on another --system's held-out trial. The swings, of pob: 2 s of
+30 to 65 degrees at 0.7 to 1.2 Hz, skewed at random, then 1 s of rest, in which a limit cycle would show. Writes
+networks_in_simulation_<model>.txt of benchmarks/results, with --decade or another --system its name behind the model's.
+Every training and swing is kept as it comes in the .json beside it, from which the next call goes on; --fresh begins
+anew.
 """
 
 from __future__ import annotations
@@ -41,14 +43,14 @@ RESULTS = ROOT / "benchmarks" / "results"
 AT_REST = 1e-4  # m/s: faster than that after a second of rest is a limit cycle
 
 
-def trained(name: str, seed: int, folder: Path, decade: bool = False) -> dict[str, Any]:
+def trained(name: str, seed: int, folder: Path, decade: bool = False, system: str = "pob") -> dict[str, Any]:
     """Errors of one training: by trajectory in simulation and online, parameters, processor seconds.
 
     ``decade``: bounds and start of the law's parameters as of identify.py bounds=decade.
     """
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        options = ["experiment=memory", f"model={name}", f"seed={seed}", "trainer.accelerator=cpu", "trainer.threads=1",
-                   "trainer.progress_bar=false", "model.loss.through=motion"]  # fmt: skip
+        options = ["experiment=memory", f"model={name}", f"system={system}", f"seed={seed}", "trainer.accelerator=cpu",
+                   "trainer.threads=1", "trainer.progress_bar=false", "model.loss.through=motion"]  # fmt: skip
         cfg: Any = OmegaConf.to_container(compose("train", overrides=options), resolve=True)
     if decade:
         around: Any = OmegaConf.to_container(OmegaConf.load(ROOT / "conf" / "bounds" / "decade.yaml"))
@@ -60,20 +62,20 @@ def trained(name: str, seed: int, folder: Path, decade: bool = False) -> dict[st
     found["parameters"] = {
         key: entry["value"] / entry["truth"] - 1 for key, entry in result["parameters"].items() if entry.get("truth")
     }
-    cfg, system, model = load_run(folder)
-    data, wanted = build_data(cfg, system), OmegaConf.load(ROOT / "conf" / "evaluate.yaml").trajectories
+    cfg, home, model = load_run(folder)
+    data, wanted = build_data(cfg, home), OmegaConf.load(ROOT / "conf" / "evaluate.yaml").trajectories
     away = transferred(cfg, None, OmegaConf.to_container(wanted))  # type: ignore[arg-type]
     friction = model.friction()  # type: ignore[operator]
-    for item in build_trajectories(away, system, data, {"seeds": [seed]}):
+    for item in build_trajectories(away, home, data, {"seeds": [seed]}):
         try:
-            force = simulate_in_motion(system, friction, item.path, item.start).F
+            force = simulate_in_motion(home, friction, item.path, item.start).F
             found["in simulation"][item.name] = float(np.mean((force - item.force) ** 2))
         except (ContactLost, SimulationFailed) as error:
             found["in simulation"][item.name] = error.what
         seen = item.seen[seed]
         found["online"][item.name] = float(np.mean((model.predict_trial(seen)["force"] - item.force) ** 2))
     parts = (friction.tables, friction.grid, friction.elements)
-    return found | {"friction": [part.tolist() for part in parts], "system": system.name}
+    return found | {"friction": [part.tolist() for part in parts], "system": home.name}
 
 
 def swings(system: System, friction: StateFriction, done: list[str], count: int) -> Iterator[str]:
@@ -109,10 +111,12 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--swings", type=int, default=200)
     parser.add_argument("--decade", action="store_true", help="bounds a decade wide around the truth, of a PE")
+    parser.add_argument("--system", default="pob", help="that the data are simulated of")
     parser.add_argument("--fresh", action="store_true", help="forget what is kept")
     options = parser.parse_args()
     for name in options.models:
-        kind = f"{name}_decade" if options.decade else name
+        away = "" if options.system == "pob" else f"_{options.system}"
+        kind = f"{name}{away}_decade" if options.decade else f"{name}{away}"
         kept, result = (RESULTS / f"networks_in_simulation_{kind}.{ending}" for ending in ("json", "txt"))
         known: dict[str, Any] = {"runs": {}, "swings": []}
         if kept.exists() and not options.fresh:
@@ -121,7 +125,7 @@ def main() -> None:
             if str(seed) in known["runs"]:
                 continue
             with tempfile.TemporaryDirectory() as folder:
-                known["runs"][str(seed)] = trained(name, seed, Path(folder) / "run", options.decade)
+                known["runs"][str(seed)] = trained(name, seed, Path(folder) / "run", options.decade, options.system)
             kept.write_text(json.dumps(known))
             result.write_text(table(name, known))
         first = known["runs"]["1000"]
@@ -137,7 +141,8 @@ def table(name: str, known: dict[str, Any]) -> str:
     """The result as text."""
     runs, fates = list(known["runs"].values()), known["swings"]
     seeds = f"seeds 1000 to {999 + len(runs)}"
-    lines = [f"experiment=memory on pob, {seeds}: medians [lowest, highest]; force in N^2", ""]
+    system = runs[0]["system"]
+    lines = [f"experiment=memory on {system}, {seeds}: medians [lowest, highest]; force in N^2", ""]
     lines.append(f"{name}: {told([run['seconds'] for run in runs])} s of processor time for a training")
     for way in ("in simulation", "online"):
         for trajectory in runs[0][way]:

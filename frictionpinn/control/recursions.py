@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from ..numerics.integrator import OPTIONS, back_substitute, factorize, newton_matrix
+from ..numerics.whiteness import NORMAL_95
 from .filter import (
     ACCELERATION,
     DISTURBANCE,
@@ -38,7 +39,6 @@ from .filter import (
 
 ITERATIONS = 12  # of Newton's method for what remembers, at most: the laws are linear in it and take two
 SETTLED = 1e-10  # relative change that ends it
-Z95 = 1.959964
 
 
 @njit(**OPTIONS)
@@ -180,5 +180,5 @@ def cycle(plan: Plan, memory: Memory, reference, reading, torque, result):
                 variance += now[i] * now[j] * memory.P[i, j]
     found = plan.gain * (added + held[FEEDBACK])
     result[0] = min(max(found, -plan.limit), plan.limit)
-    reach = Z95 * np.sqrt(max(variance * held[SCALE], 0.0))
+    reach = NORMAL_95 * np.sqrt(max(variance * held[SCALE], 0.0))
     result[1], result[2] = result[0] - reach, result[0] + reach

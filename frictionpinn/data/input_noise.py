@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ..numerics.smoothing import Smoother
+from ..numerics.smoothing import Smoother, difference_sigma
 from ..numerics.torch_functions import contact_signals
 from ..physics import System
 from .contact import ContactTrial, smooth_trials
@@ -67,10 +67,15 @@ def input_noise(
         clean = CLEAN * speed
         found |= {"slip_noise": clean, "start_error": clean, "first_error": clean, "assumed": 1.0}
         return UNTOLD | found | {"position_noise": clean * found["start_time"] if positions else 0.0}
+    acting = system.friction_implied.free_symbols
+    forces = [item.name for item in system.inputs if item.symbol in acting and item.name in trials[0].measured]
+    given = {name: difference_sigma([(trial.t, trial.measured[name]) for trial in trials]) for name in forces}
+    found["force_noise"] = float(np.hypot(found["force_noise"], _carried(system, trials, given, rng)))
+    sigmas |= given
     own = [recording.select([trial.name]).trials[0] for trial in trials]
     for _ in range(DRAWS):
         for trial, recorded in zip(trials, own, strict=True):
-            noisy = {name: trial.smoothed[name] + sigmas[name] * rng.standard_normal(len(trial.t)) for name in names}
+            noisy = {name: trial.smoothed[name] + sigmas[name] * rng.standard_normal(len(trial.t)) for name in sigmas}
             again.append(replace(recorded, signals={**recorded.signals, **noisy}))
     twice = smooth_trials(Recording(tuple(again), recording.units), again[: len(own)], system, smoother)
     wrong = []
@@ -88,6 +93,18 @@ def input_noise(
     found["input_error"] = size
     step = every * float(np.median(np.diff(trials[0].t)))
     return UNTOLD | found | {"input_shape": kernel.tolist(), "input_step": step, "input_ends": profile.tolist()}
+
+
+def _carried(
+    system: System, trials: Sequence[ContactTrial], sigmas: Mapping[str, float], rng: np.random.Generator
+) -> float:
+    """Noise that forces bring into the implied friction force: they are inputs of the balance, as measured."""
+    off = []
+    for trial in trials:
+        noise = {name: sigma * rng.standard_normal(len(trial.t)) for name, sigma in sigmas.items()}
+        noisy = trial.smoothed | {name: trial.smoothed[name] + own for name, own in noise.items()}
+        off.append(contact_signals(system, noisy)["friction_force"] - trial.offline["friction_force"])
+    return _size(np.concatenate(off))
 
 
 def ends(errors: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:

@@ -10,7 +10,8 @@ import sympy as sp
 from .. import __version__
 from ..control.compensator import Compensator
 from ..control.filter import ALIKE, FURTHEST, MEMORY_OF_SCALE, ROUND_OFF, SLOPES, WILD
-from ..control.recursions import ITERATIONS, SETTLED, Z95
+from ..control.recursions import ITERATIONS, SETTLED
+from ..numerics.whiteness import NORMAL_95
 from .c_code import fill
 from .functions import c_statements
 
@@ -44,7 +45,7 @@ def write_compensator_c(folder: Path, compensator: Compensator) -> list[str]:
         names=", ".join(f'"{name}"' for name in compensator.names),
         places=", ".join(map(str, plan.places.tolist())) or "0", filters=int(plan.filters), iterations=ITERATIONS,
         memory=_number(MEMORY_OF_SCALE), settled=_number(SETTLED), wild=_number(WILD), furthest=_number(FURTHEST),
-        z95=_number(Z95), alike=_number(ALIKE), round_off=_number(ROUND_OFF),
+        z95=_number(NORMAL_95), alike=_number(ALIKE), round_off=_number(ROUND_OFF),
     )  # fmt: skip
     for name, text in {"compensator.h": header, "compensator.c": source}.items():
         (folder / name).write_text(text, encoding="ascii")

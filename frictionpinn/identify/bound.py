@@ -18,7 +18,7 @@ from ..show import Shown, Table
 from .problem import Problem
 from .result import VARY, correlation_of, hints_of, plain, sentences
 from .space import Space
-from .uncertainty import covariance_of, untold
+from .uncertainty import covariance_of, interval, untold
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -83,7 +83,7 @@ class Bound(Shown):
         """95 % intervals relative to the values, and correlations."""
         from ..evaluate.estimate_figures import parameters_figure
 
-        ends = {n: (v - 1.96 * self.std[n], v + 1.96 * self.std[n]) for n, v in self.values.items()}
+        ends = {n: interval(v, self.std[n], positive=False) for n, v in self.values.items()}
         return {"parameters": parameters_figure(self.names, self.values, ends, self.correlation)}
 
     def to_dict(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..numerics.descent import BUDGET
 from ..numerics.quadratic import Evaluate, Limits, State, invert, moved, reduced
-from ..numerics.whiteness import correlation_time
+from ..numerics.whiteness import NORMAL_95, correlation_time
 from ..progress import counted
 from .culprit import culprit
 from .problem import Problem
@@ -17,7 +17,6 @@ from .result import CORRELATED, FAILED, Estimate, Minimum, verdict
 from .space import Space
 
 ESTIMATOR = "maximum_likelihood"
-NORMAL_95 = 1.959964  # standard deviations to either side that hold 95 %
 UNTOLD = 1.0  # standard error of a logarithm: a 95 % interval of a factor 50
 SHARP = 0.25  # standard error over the value (of mu_s: its excess over mu_c), beyond which a likelihood is no parabola
 BESIDE = 4.0  # standard errors to the neighbours, where a rugged likelihood may tell much less

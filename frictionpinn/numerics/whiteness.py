@@ -11,6 +11,7 @@ LAGS = 20  # of the portmanteau test: ringing that a model places wrongly is as 
 SPANS = 4  # spans of the slow test: the longest given, each a fourth of the one before
 OUTLYING = 5.0  # robust standard deviations at which residuals are cut: an outlier is no correlation
 FEWEST = 20  # samples of a series whose correlation time is worth asking for
+NORMAL_95 = 1.959964  # standard deviations to either side that hold 95 %
 SIGNIFICANCE = 1e-4  # of all tests together: one recording of white noise in 10,000 is called something else
 
 

@@ -13,6 +13,7 @@ from ..numerics.bristle import resting_states, steady_bristles
 from ..numerics.codegen import Kernels, pointer
 from ..numerics.session import ALONE, Session
 from ..numerics.tableau import METHOD
+from ..numerics.whiteness import NORMAL_95
 from ..physics.base import at_contact, contact_of
 from ..physics.mechanism import Mechanism
 from .check import check_adapt, check_sensors, finite, parameter_vector
@@ -20,7 +21,6 @@ from .consistency import Consistency
 from .reading import Reading
 from .tuning import Tuning, tune
 
-Z95 = 1.959964
 LONGEST = 20.0  # typical sample intervals: after a longer gap the estimator starts anew
 SHARES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)  # of the typical acceleration: what the model may leave out of a sample's
 MOST = 2400  # samples of all training trials together on which the share is chosen
@@ -248,7 +248,7 @@ class OnlineEstimator:
         _, forces, variances, square, freedom = core.correct(
             self._equations, self._X, self._P, y, self._R, self._rows, float(t)
         )
-        reach = Z95 * np.sqrt(variances + (INEXACT * forces) ** 2)
+        reach = NORMAL_95 * np.sqrt(variances + (INEXACT * forces) ** 2)
         told = STATUS[status]
         if not self._consistency.add(self._time, square, freedom) and told == "ok":
             told = "inconsistent"
@@ -302,7 +302,7 @@ class OnlineEstimator:
         consistent = np.array([self._consistency.add(*sample) for sample in samples])
         found = {"consistent": consistent}
         for contact, force, std in zip(self.contacts, forces.T.copy(), stds.T.copy(), strict=True):
-            told = {"force": force, "low": force - Z95 * std, "high": force + Z95 * std, "std": std}
+            told = {"force": force, "low": force - NORMAL_95 * std, "high": force + NORMAL_95 * std, "std": std}
             found |= {at_contact(contact, name): values for name, values in told.items()}
         found |= {name: np.exp(states[:, first + i]) for i, name in enumerate(self.adapt)}
         return found | {"log_likelihood": np.array(loglik)}

@@ -27,6 +27,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..diagnose.verdict import FOUND, NOTHING, PARTLY, UNEXPLAINED
+from ..numerics.whiteness import NORMAL_95
 from .balance import Model
 from .candidates import remainders
 from .identify import identify, narrowed, relative_errors
@@ -156,7 +157,7 @@ def _needed(
             sure = max(abs(solution.model.values[n]) / max(solution.errors[n], 1e-300) for n in names)
             doubts.append((sure, a))
         least, worst = min(doubts, key=lambda pair: pair[0])
-        if least > 1.96:
+        if least > NORMAL_95:
             break
         refused[worst.term.name] = "its 95 % interval holds zero beside the other effects"
         model = solution.model

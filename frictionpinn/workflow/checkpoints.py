@@ -22,6 +22,7 @@ from ..errors import Interrupted, UserError, nearest
 from ..models import FrictionEnsemble, FrictionModel
 from ..models.base import check_same_model
 from .configs import called
+from .manifest import whole
 
 
 class WholeFiles(TorchCheckpointIO):
@@ -34,19 +35,13 @@ class WholeFiles(TorchCheckpointIO):
     def save_checkpoint(self, checkpoint: dict[str, Any], path: Any, storage_options: Any = None) -> None:
         target = Path(path)
         target.parent.mkdir(parents=True, exist_ok=True)
-        temporary = target.with_name(f".{target.name}.{os.getpid()}")
         try:
-            with temporary.open("wb") as file:
-                torch.save(checkpoint, file)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, target)
+            with whole(target) as temporary:
+                torch.save(checkpoint, temporary)
         except RuntimeError as error:  # torch's zip writer at a full disk
             full = shutil.disk_usage(target.parent).free < 1 << 20
             number = errno.ENOSPC if full else errno.EIO
             raise OSError(number, os.strerror(number), str(target)) from error
-        finally:
-            temporary.unlink(missing_ok=True)
 
 
 class Checkpoints(ModelCheckpoint):

@@ -14,11 +14,12 @@ from ..data.module import TrajectoryData
 from ..errors import UserError, choose
 from ..evaluate.force import reference_force
 from ..models import FrictionEnsemble, FrictionModel, ensemble_of
+from ..numerics.whiteness import NORMAL_95
 from ..physics import System
 from .build import Config, seed_of
 from .experiment import build_data, build_model
 
-COVERAGE, NORMAL = 0.95, 1.96  # of the interval, and standard deviations of a normal distribution that hold it
+COVERAGE = 0.95  # of the interval
 
 
 def size_of(cfg: Config) -> int:
@@ -89,7 +90,7 @@ def uncertainty(
     the force that the equation of motion implies on the training trials. Held-out trials only score it.
     """
     fitted = _misses(model, [(trial, trial.offline["friction_force"]) for trial in train])
-    excess = (fitted[0] / NORMAL) ** 2 - fitted[1] ** 2
+    excess = (fitted[0] / NORMAL_95) ** 2 - fitted[1] ** 2
     common = float(np.sqrt(max(np.quantile(excess, COVERAGE), 0.0)))
     miss, spread = _misses(model, [(trial, reference_force(trial)[0]) for trial in scored])
     return {
@@ -99,8 +100,8 @@ def uncertainty(
         "force_std_rms": float(np.sqrt(np.mean(spread**2))),
         "coverage": {
             "wanted": COVERAGE,
-            "interval": float(np.mean(miss <= NORMAL * np.hypot(spread, common))),
-            "spread_alone": float(np.mean(miss <= NORMAL * spread)),
+            "interval": float(np.mean(miss <= NORMAL_95 * np.hypot(spread, common))),
+            "spread_alone": float(np.mean(miss <= NORMAL_95 * spread)),
         },
     }
 
@@ -121,5 +122,5 @@ def member_spread(model: FrictionModel) -> dict[str, float]:
 
 def band(prediction: dict[str, np.ndarray], told: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper end of the force's interval."""
-    half = NORMAL * np.hypot(prediction["force_std"], told["common"])
+    half = NORMAL_95 * np.hypot(prediction["force_std"], told["common"])
     return prediction["force"] - half, prediction["force"] + half

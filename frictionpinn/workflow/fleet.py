@@ -12,9 +12,6 @@ Source of the second: Iglewicz and Hoaglin, How to Detect and Handle Outliers (1
 
 from __future__ import annotations
 
-import csv
-import io
-import os
 import statistics
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -25,7 +22,8 @@ from typing import Any
 from jinja2 import Template
 
 from ..show import LOOKS, readable_unit
-from .manifest import Job, result_of, status_of
+from .manifest import Job, result_of, status_of, write_text
+from .summary import as_csv
 
 RARE = 0.1  # of the fleet: what fewer lack is that recording's own
 CHANCE = 0.01  # of a fleet in which a number stands out by chance alone
@@ -99,8 +97,8 @@ def summarise(folder: Path, jobs: Sequence[Job], told: str) -> list[Member]:
     """Write fleet.csv and fleet.html to the sweep's folder, print the table; return the recordings."""
     members = stand_out([_member(job, folder) for job in jobs])
     table = counts(members)
-    _write(folder / "fleet.csv", _as_csv(members))
-    _write(folder / "fleet.html", page(members, table))
+    write_text(folder / "fleet.csv", _as_csv(members))
+    write_text(folder / "fleet.html", page(members, table))
     done = [m for m in members if m.result]
     for name, where in table.items():
         whole = sum(1 for m in done if name in {e.partition("@")[0] for e in (*m.effects, *left(m.result))})
@@ -191,14 +189,4 @@ def _as_csv(members: Sequence[Member]) -> str:
                     "error_after": after, "stands_out": "; ".join(m.stands_out)}  # fmt: skip
             row |= {name: p["value"] for name, p in m.result["parameters"].items() if not name.startswith("inertia.")}
         rows.append(row)
-    buffer = io.StringIO(newline="")
-    writer = csv.DictWriter(buffer, list(dict.fromkeys(n for r in rows for n in r)), restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return buffer.getvalue()
-
-
-def _write(path: Path, text: str) -> None:
-    temporary = path.with_name(f".{path.name}")
-    temporary.write_text(text, encoding="utf-8")
-    os.replace(temporary, path)
+    return as_csv(rows)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import os
 import statistics
 import sys
 from collections.abc import Mapping, Sequence
@@ -14,7 +13,7 @@ from typing import Any
 
 from ..evaluate.picture import save_png
 from ..show import readable_unit
-from .manifest import Job, result_of, status_of
+from .manifest import Job, result_of, status_of, whole, write_text
 from .summary_figure import summary_figure
 
 Row = dict[str, Any]
@@ -26,14 +25,13 @@ def summarise_sweep(folder: Path, jobs: Sequence[Job], told: str) -> list[Row]:
     rows = [row(job, folder) for job in jobs]
     swept = list(dict.fromkeys(key for job in jobs for key in job.swept))
     grouped = groups(rows, swept)
-    _write_csv(folder / "summary.csv", rows)
-    _write_csv(folder / "groups.csv", grouped)
+    write_text(folder / "summary.csv", as_csv(rows))
+    write_text(folder / "groups.csv", as_csv(grouped))
     keys = group_keys(swept)
     if any("force_rmse" in item for item in rows):
         figure = summary_figure(rows, grouped, keys)
-        temporary = folder / ".summary.png"
-        save_png(figure, temporary)
-        os.replace(temporary, folder / "summary.png")
+        with whole(folder / "summary.png") as temporary:
+            save_png(figure, temporary)
     print_table(grouped, keys)
     finished = sum(item["state"] == "finished" for item in rows)
     files = "summary.csv, groups.csv" + (" and summary.png" if (folder / "summary.png").exists() else "")
@@ -132,13 +130,12 @@ def _union(rows: Sequence[Row]) -> list[str]:
     return list(dict.fromkeys(name for item in rows for name in item))
 
 
-def _write_csv(path: Path, rows: Sequence[Row]) -> None:
+def as_csv(rows: Sequence[Row]) -> str:
+    """Rows as CSV with a column for every name that any has, errors last."""
     names = _union(rows)
     names = [name for name in names if name != "error"] + [name for name in names if name == "error"]
     buffer = io.StringIO(newline="")
     writer = csv.DictWriter(buffer, names, restval="", lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    temporary = path.with_name(f".{path.name}")
-    temporary.write_text(buffer.getvalue(), encoding="utf-8")
-    os.replace(temporary, path)
+    return buffer.getvalue()
