@@ -124,12 +124,13 @@ def _expand(path: Path) -> list[Path]:
         )
     present = sorted(file.name for file in folder.iterdir() if ending(file))
     listed = ", ".join(present[:8]) + (f" and {len(present) - 8} more" if len(present) > 8 else "")
+    alike = [name for name in present if nearest(path.stem, [Path(name).stem])]  # that both end in .csv says nothing
     raise UserError(
         "unknown file",
         where="data.path",
         received=str(path),
         allowed=f"in {folder} are {listed}" if present else "",
-        fix=nearest(path.name, present) or "check the path",
+        fix=nearest(path.name, alike) or "check the path",
     )
 
 

@@ -151,6 +151,7 @@ def test_only_dimensionless_signals_go_without_a_unit(tmp_path):
 def test_a_missing_file_lists_those_present(tmp_path):
     write_csv(tmp_path / "run_1.csv", table())
     refused(r"unknown file: data\.path is .*run_2\.csv; .*did you mean 'run_1\.csv'", tmp_path / "run_2.csv")
+    refused(r"unknown file: .*walk\.csv; allowed: in .*run_1\.csv.*; check the path", tmp_path / "walk.csv")
     refused("the folder .* does not exist", tmp_path / "none" / "run_2.csv")
     refused("no recordings found", str(tmp_path / "*.mat"))
 
