@@ -79,6 +79,18 @@ def build_friction(cfg: Config, system: System) -> FrictionLaw:
     return laws_of(system, law_named(everywhere | own, "friction"))  # type: ignore[arg-type]
 
 
+def estimated_law(cfg: Config, system: System) -> FrictionLaw:
+    """The law whose parameters are estimated without a network.
+
+    Raises:
+        UserError: an option of networks alone.
+    """
+    if cfg.get("tie_sigma1"):
+        raise UserError("acts in trainings alone", where="friction.tie_sigma1", received=True,
+                        fix="take the law that has sigma_1 = sqrt(sigma_0), friction=lugre_tied")  # fmt: skip
+    return build_friction(cfg, system)
+
+
 def law_table(cfg: Config, key: str, law: FrictionLaw) -> dict[str, Any]:
     """``start``, ``bounds`` or ``fixed`` of the friction law by parameter, without those that are null."""
     table, known = by_parameter(mapping(cfg, key, "friction"), law), {par.name for par in law.parameters}

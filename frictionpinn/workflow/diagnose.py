@@ -29,11 +29,11 @@ from ..report.words import span
 from ..show import readable_unit
 from .build import (
     Config,
-    build_friction,
     build_noise,
     build_recording,
     build_system,
     check_pairing,
+    estimated_law,
     law_table,
     seed_of,
 )
@@ -67,7 +67,7 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
     options = checked(cfg)
     check_pairing(cfg)
     system = build_system(cfg["system"])
-    law = build_friction(cfg["friction"], system)
+    law = estimated_law(cfg["friction"], system)
     recording = build_noise(cfg["noise"])(build_recording(cfg["data"], system), seed_of(cfg))
     vet(cfg, system, recording, options["free"] or ())
     return report(examine(cfg, Mechanism(system, law, tuple(options["declared"])), recording), cfg, folder)

@@ -28,7 +28,7 @@ from ..physics.base import beside, plain_name
 from ..physics.contacts import by_parameter, law_named, laws_of
 from ..physics.mechanism import Mechanism
 from ..progress import Steps
-from .build import Config, build_friction, build_noise, build_recording, build_system, law_table, seed_of
+from .build import Config, build_friction, build_noise, build_recording, build_system, estimated_law, law_table, seed_of
 from .configs import called
 from .estimate import ESTIMATORS, NETWORKS, estimate, given_start
 from .experiment import build_data
@@ -260,7 +260,7 @@ def _check(cfg: Config) -> None:
     if most is not None and (isinstance(most, bool) or not isinstance(most, int | float) or not most >= 1):
         raise UserError("impossible number", where="simulations", received=repr(most), allowed="at least 1, or null")
     system = build_system(cfg["system"])
-    law, networks = build_friction(cfg["friction"], system), [method for method in methods if method in NETWORKS]
+    law, networks = estimated_law(cfg["friction"], system), [method for method in methods if method in NETWORKS]
     laws = [law.at(contact.name) for contact in system.contacts]
     if networks and not all(own.memory or own.name == "none" for own in laws):
         raise UserError("a network estimates a law with a bristle state", where="methods", received=networks[0],

@@ -208,6 +208,7 @@ def test_the_command_tells_an_impossible_option_in_one_line(measured, override, 
         ("diagnose.loss=square", "gaussian"),
         ("diagnose.fallback=net", "did you mean 'network'"),
         ("diagnose.signals=[velocity]", "diagnose.signals"),
+        ("friction.tie_sigma1=true", "friction=lugre_tied"),
     ],
 )
 def test_impossible_options_are_told_before_anything_is_fitted(measured, override, words):
