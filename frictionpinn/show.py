@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import io
+import math
 import sys
 import textwrap
 from collections.abc import Sequence
@@ -112,6 +113,11 @@ def interval(ends: Sequence[float | None]) -> str:
     """A 95 % interval as people write it; empty where there is none."""
     low, high = (float("nan") if end is None else float(end) for end in ends)
     return "" if low != low and high != high else f"{low:.4g} to {high:.4g}"
+
+
+def plain(value: float) -> float | None:
+    """A float for JSON; None where it is not finite."""
+    return float(value) if math.isfinite(value) else None
 
 
 def readable_unit(unit: str) -> str:

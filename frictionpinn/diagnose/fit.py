@@ -18,7 +18,6 @@ from ..identify.trial import TrialModel
 from ..numerics.coloured import outliers
 from ..numerics.loss import Loss
 from ..numerics.quadratic import State
-from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.mechanism import Mechanism
 
 LOUDER = 2.5  # times the noise that differences show, where the model cannot be simulated with that
@@ -69,9 +68,8 @@ class Fit:
     def levels(self, loss: Loss) -> dict[str, float]:
         """Noise of every signal as the residuals show it, SI units."""
         result = dict(self.sigmas)
-        for name, own in self._residuals.items():
-            r = np.concatenate(own)
-            r = r[~np.isnan(r)]
+        for name in self._residuals:
+            r = self.state.left(name)
             result[name] = (loss.sigma(r, len(r)) if len(r) else 0.0) or result[name]
         return result
 
@@ -81,8 +79,7 @@ class Fit:
         :func:`frictionpinn.numerics.whiteness.whiteness`."""
         outputs = dict.fromkeys(name for model in self.models for name in model.outputs)
         interval = min(float(np.median(np.diff(model.t))) for model in self.models)
-        rows = {name: own for name, own in self._residuals.items() if name in outputs}
-        return whiteness(rows, round(self.span / interval)) > SIGNIFICANCE
+        return self.state.white(outputs, round(self.span / interval))
 
 
 def fit_declared(

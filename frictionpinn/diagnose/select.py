@@ -288,8 +288,8 @@ def _impossible(bench: Bench, selection: Selection) -> str:
 def intervals(bench: Bench, fit: Fit, scanned: Scanned) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
     """Estimates and 95 % intervals from the likelihood's curvature, the noise's colour counted."""
     normal = scanned.known
-    flat = [r / fit.sigmas[n] for piece in fit.state.pieces for n, r in piece.residuals.items()]
-    factor = bench.problem.loss.inflation(np.nan_to_num(np.concatenate(flat)))
+    left = [fit.state.left(name) / level for name, level in fit.sigmas.items()]
+    factor = bench.problem.loss.inflation(np.concatenate(left))
     errors = np.sqrt(factor * np.maximum(normal.covariance.diagonal(), 0.0))
     table = {par.name: par for par in bench.tested.parameters}
     values, ci95 = {name: fit.values[name] for name in fit.names}, {}

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize
 
 from ..identify.problem import Problem
-from ..identify.result import STOPPED, Estimate, Improvement, Minimum
+from ..identify.result import STOPPED, Estimate, Minimum
 from ..identify.uncertainty import failed, finish
-from ..numerics.descent import BUDGET
+from ..numerics.descent import BUDGET, ENDED
 from ..numerics.quadratic import State
 
 NO_MODEL = 1e12  # cost of parameters at which the mechanism cannot be simulated
@@ -25,6 +25,19 @@ NO_MODEL = 1e12  # cost of parameters at which the mechanism cannot be simulated
 
 class OutOfBudget(Exception):
     """No simulation is left. Not a StopIteration: scipy maps over steps, and a map that meets one ends silently."""
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """The best parameters that a search method had found after so many seconds and simulations of the recording.
+
+    ``values`` are by name, SI units; ``cost`` is the negative log-likelihood there.
+    """
+
+    seconds: float
+    simulations: int
+    cost: float
+    values: dict[str, float]
 
 
 class Objective:
@@ -45,7 +58,7 @@ class Objective:
         self.problem, self.budget, self.limits = problem, budget, problem.space.limits
         self.models = problem.trials
         self.locals = [model.local[: model.size(False)] for model in self.models]
-        self.evaluate = problem.evaluator(self.models, joint=False)
+        self.evaluate = problem.evaluator(self.models)
         self.began, self.count = time.perf_counter(), 0
         self.u = np.zeros(0)
         self.path: list[Improvement] = []
@@ -162,7 +175,7 @@ def search(
     count = problem.simulations - before
     if state is None:
         return replace(failed(problem, seconds, count), estimator=method)
-    minimum = Minimum(state, objective.models, "converged" if done else BUDGET)
+    minimum = Minimum(state, ENDED if done else BUDGET, objective.models)
     found = finish(problem, minimum, dict(problem.sigmas), seconds, count, profiles=False)
     outcome = found.outcome if done else STOPPED
     return replace(found, estimator=method, outcome=outcome, minimum=None, path=tuple(objective.path))

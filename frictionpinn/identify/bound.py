@@ -14,9 +14,9 @@ from ..errors import UserError
 from ..numerics.quadratic import reduced
 from ..numerics.simulate import ContactLost, SimulationFailed
 from ..physics.mechanism import Mechanism
-from ..show import Shown, Table
+from ..show import Table, plain
 from .problem import Problem
-from .result import VARY, correlation_of, hints_of, plain, sentences
+from .result import VARY, Told, hints_of, sentences
 from .space import Space
 from .uncertainty import covariance_of, interval, untold
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class Bound(Shown):
+class Bound(Told):
     """Smallest covariance that an unbiased estimator can have.
 
     Attributes:
@@ -35,8 +35,6 @@ class Bound(Shown):
         space: parameters and their search coordinates u.
         information: Fisher information of u, shape (n, n).
     """
-
-    most_rows = None
 
     names: tuple[str, ...]
     values: dict[str, float]
@@ -50,20 +48,16 @@ class Bound(Shown):
         covariance = covariance_of(space, u, information, untold(space, u, information))
         return cls(space.names, space.named(u), covariance, space, information)
 
-    @property
-    def std(self) -> dict[str, float]:
-        """name -> least standard error, SI units."""
-        return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+    def information_in(self, space: Space) -> np.ndarray:
+        """Fisher information of the search vector of another space, whose units follow another recording."""
+        own, other = (s.jacobian(s.to_search(self.values)) for s in (self.space, space))
+        change = np.linalg.solve(own, other)
+        return change.T @ self.information @ change
 
     @property
     def relative(self) -> dict[str, float]:
         """name -> least standard error over the value."""
         return {name: s / abs(self.values[name]) if self.values[name] else np.inf for name, s in self.std.items()}
-
-    @property
-    def correlation(self) -> np.ndarray:
-        """Correlation matrix, shape (n, n)."""
-        return correlation_of(self.covariance)
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -190,9 +184,7 @@ def rank_experiments(
     Raises:
         UserError: an unknown target, or a candidate that cannot be read.
     """
-    base = None
-    if present is not None:
-        base = bound(mechanism, present, values, sigmas=sigmas, **options)
+    base = None if present is None else bound(mechanism, present, values, sigmas=sigmas, **options)
     ranked, own_values = [], dict(options.get("fixed") or {}) | dict(values)
     for candidate in candidates:
         try:
@@ -204,7 +196,7 @@ def rank_experiments(
         if target is not None and target not in own.names:
             raise UserError("unknown target", where="target", received=target, allowed=", ".join(own.names))
         u = own.space.to_search(own.values)
-        before = base.information if base is not None else np.zeros_like(own.information)
+        before = np.zeros_like(own.information) if base is None else base.information_in(own.space)
         total = Bound.at(own.space, u, before + own.information)
         with np.errstate(divide="ignore"):
             volumes = [np.linalg.slogdet(M + 1e-9 * np.eye(len(u)))[1] for M in (before, total.information)]

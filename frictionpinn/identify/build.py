@@ -48,14 +48,11 @@ class Channels:
         names = mechanism.input_signals
         outputs = tuple(name for name in mechanism.predictions if name in recorded)
         motions = tuple((c.signals, tuple(names.index(name) for name in c.signals)) for c in mechanism.driven)
-        for c in mechanism.system.moving:
-            if not recorded.intersection(c.signals):
-                allowed, received = f"at least one of {', '.join(c.signals)}", ", ".join(sorted(recorded))
-                raise UserError(f"nothing of {c.name} was recorded", where="recording", received=received,
-                                allowed=allowed)  # fmt: skip
-        if not outputs:
-            allowed, received = f"at least one of {', '.join(mechanism.predictions)}", ", ".join(sorted(recorded))
-            raise UserError("nothing to compare the model with", where="recording", received=received, allowed=allowed)
+        needed = [(f"nothing of {c.name} was recorded", (*c.signals,)) for c in mechanism.system.moving]
+        for lack, own in (*needed, ("nothing to compare the model with", (*mechanism.predictions,))):
+            if not recorded.intersection(own):
+                raise UserError(lack, where="recording", received=", ".join(sorted(recorded)),
+                                allowed=f"at least one of {', '.join(own)}")  # fmt: skip
         acting = set().union(*(sp.sympify(row).free_symbols for row in mechanism.residuals))
         inputs = [item.name for item in mechanism.system.inputs if item.symbol in acting]
         plain = tuple((name, names.index(name)) for name in inputs if name in recorded and name not in outputs)
@@ -113,7 +110,10 @@ def trial_model(
     for c in mechanism.free:
         first = dict.fromkeys(c.signals[:2], (0.0, np.inf))  # value, standard error
         for name in set(c.signals[:2]) & set(trial.signals):
-            times, y = t[:FIRST_SAMPLES] - t[0], trial.signals[name][:FIRST_SAMPLES]
+            at = np.flatnonzero(np.isfinite(trial.signals[name]))[:FIRST_SAMPLES]
+            if len(at) < 2:
+                continue
+            times, y = t[at] - t[0], trial.signals[name][at]
             design = np.stack([np.ones(len(times)), times], axis=1)
             spread = np.linalg.inv(design.T @ design)[0, 0] ** 0.5
             first[name] = float(np.linalg.lstsq(design, y, rcond=None)[0][0]), float(sigmas[name] * spread)

@@ -33,13 +33,12 @@ from ..numerics.descent import CLOSELY, KNOWN, Solution, coarse_to_fine, levenbe
 from ..numerics.minima import AT_ONCE, KICKS, assembled, carried, lowest_of_trials
 from ..numerics.parallel import in_parallel
 from ..numerics.quadratic import Evaluate, Known, State, moved, reduced
-from ..numerics.whiteness import SIGNIFICANCE, whiteness
 from ..physics.base import plain_name
 from ..physics.mechanism import Mechanism
 from ..progress import counted
 from .problem import Problem
 from .result import Estimate, Minimum
-from .start import coarse_design, ridge_grid, ridges
+from .start import coarse_design, ridge_grid
 from .tether import Found, Path, Seen, followed, lowest, tethered
 from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours
@@ -119,7 +118,7 @@ def maximum_likelihood(
         solution, sigmas = _settled(problem, models, lowest_around(problem, *costs, solution, others), sigmas)
     beside = neighbours(problem.evaluator(models, sigmas), solution.state, problem.space.limits) if thorough else []
     white = _white(problem, solution.state)
-    minimum = Minimum(solution.state, tuple(models), solution.reason)
+    minimum = Minimum(solution.state, solution.reason, models)
     spent = time.perf_counter() - began, problem.simulations - before
     return finish(problem, minimum, sigmas, *spent, beside=beside, profiles=profiles, white=white)
 
@@ -204,8 +203,7 @@ def beginnings(problem: Problem, state: State) -> list[State]:
 
 def _white(problem: Problem, state: State) -> bool:
     """Whether what a fit leaves of the outputs is white."""
-    rows = {name: [piece.residuals[name] for piece in state.pieces] for name in problem.channels.outputs}
-    return whiteness(rows, round(problem.resolutions[0] / problem.interval)) > SIGNIFICANCE
+    return state.white(problem.channels.outputs, round(problem.resolutions[0] / problem.interval))
 
 
 def _elsewhere(
@@ -214,14 +212,13 @@ def _elsewhere(
     """Fits of the whole trials from a coarse resolution on, best first, and noise levels to begin with: from the starts
     ``us`` and from others that a design holds, without what comes to minima that were ``seen`` at the noise levels of
     the problem."""
-    space, path = problem.space, Path(problem, held, problem.sigmas, coarse=True)
+    path = Path(problem, held, problem.sigmas, coarse=True)
     us = [*us, *lowest(path, coarse_design(problem), BEST)]
     first = followed(path, us, path.stages[:1], {})
     if not first:
         return [], dict(problem.sigmas)
     best = first[0][0].state  # around it a grid is laid, and its residuals tell the noise
-    grid = [u for pair in ridges(space) for u in ridge_grid(space, best.u, problem.fixed, pair)]
-    us += lowest(path, grid, BEST)
+    us += lowest(path, ridge_grid(problem.space, best.u, problem.fixed), BEST)
     path = replace(path, sigmas=_louder(problem, best))
     return followed(path, us, path.stages, seen if path.sigmas == problem.sigmas else {}), dict(path.sigmas)
 
@@ -261,8 +258,7 @@ def _louder(problem: Problem, state: State) -> dict[str, float]:
     """
     result = dict(problem.sigmas)
     for name in set(problem.channels.outputs) - set(problem.given):
-        r = np.concatenate([piece.residuals[name] for piece in state.pieces])
-        r = r[~np.isnan(r)]
+        r = state.left(name)
         level = problem.loss.sigma(r, len(r)) if len(r) else 0.0
         result[name] = level if level > LOUD * result[name] else result[name]
     return result
@@ -276,9 +272,7 @@ def _sigmas_of(problem: Problem, models: Sequence[TrialModel], state: State) -> 
     """
     result, outputs = dict(problem.sigmas), problem.channels.outputs
     for name in set(problem.sigmas) - set(problem.given):
-        rows = [piece.residuals[name] for piece in state.pieces if name in piece.residuals]
-        r = np.concatenate([np.zeros(0), *rows])
-        r, used = r[~np.isnan(r)], 0.0
+        r, used = state.left(name), 0.0
         for item in (item for model in models for item in model.inputs if name in item.names):
             parts = {
                 own: design.T @ design / problem.sigmas[own] ** 2

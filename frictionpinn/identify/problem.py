@@ -113,17 +113,16 @@ class Problem:
         self.bounded = frozenset(name for name, pair in (bounds or {}).items() if pair is not None)
         self.space = self._space(names, dict(bounds or {}), self.scales)
         self.names, low, high = self.space.names, self.space.low, self.space.high
-        table = {par.name: par for par in mechanism.parameters}
-        self.shapes = tuple(name for name in self.names if table[name].hidden and table[name].scan is not None)
+        self.shapes = tuple(p.name for p in mechanism.parameters if p.name in self.names and p.hidden and p.scan)
         inside = np.clip([self.scales.start[n] for n in self.names], low, high).tolist()
         self.start = dict(zip(self.names, inside, strict=True))
         self.prior = Prior.of(self.space, self.start, self.fixed)
         self._calls: list[float] = []  # shares of the recording that were simulated
 
     def _space(self, names: Sequence[str], bounds: Mapping[str, Sequence[float] | None], scales: Scales) -> Space:
-        table = {par.name: par for par in self.mechanism.parameters}
         whole = default_bounds(self.mechanism, scales, bounds)
-        return Space.build(self.mechanism, names, whole, self.fixed, {n: scales.sizes.of(table[n]) for n in names})
+        sizes = {par.name: scales.sizes.of(par) for par in self.mechanism.parameters if par.name in names}
+        return Space.build(self.mechanism, names, whole, self.fixed, sizes)
 
     def varied(
         self,
@@ -135,7 +134,6 @@ class Problem:
         sizes: Sizes | None = None,
         sigmas: Mapping[str, float] | None = None,
         trials: Sequence[TrialModel] | None = None,
-        joint: bool | None = None,
         prior: bool = True,
         counted: bool = False,
     ) -> Problem:
@@ -149,7 +147,6 @@ class Problem:
             sizes: how large parameters are, where the mechanism has others.
             sigmas: signal -> noise standard deviation that is known, SI units; other levels stay and are estimated.
             trials: models of the trials, where these have other unknowns.
-            joint: whether the paths of noisy inputs are unknown, too.
             prior: whether what is known beforehand counts; once left out it stays so.
             counted: whether its simulations are counted as those of this one.
 
@@ -161,9 +158,7 @@ class Problem:
         if simulator is not None:
             made.simulator, made.mechanism = simulator, simulator.mechanism
             made.trials = tuple(replace(model, simulator=simulator) for model in self.trials)
-            made.motions = [replace(m, mechanism=simulator.mechanism) for m in self.motions]
         made.trials = made.trials if trials is None else tuple(trials)
-        made.joint = self.joint if joint is None else joint
         if sigmas is not None:
             made.given, made.sigmas = dict(sigmas), self.sigmas | dict(sigmas)
         known, wanted = self.fixed | self.start | values, self.names if names is None else names
@@ -212,7 +207,6 @@ class Problem:
         models: Sequence[TrialModel],
         sigmas: Mapping[str, float] | None = None,
         *,
-        joint: bool | None = None,
         prior: bool = True,
         width: float | Sequence[float] = 0.0,
         steps: float = np.inf,
@@ -227,7 +221,6 @@ class Problem:
         Args:
             models: of the trials.
             sigmas: signal -> noise standard deviation, SI units; by default the problem's.
-            joint: whether the inputs' coefficients are among the unknowns; by default the problem's.
             prior: whether the prior is counted; without it the cost is that of the data alone.
             width: resolution in time at which model and data are compared, s, of all trials or of each; 0: sample by
                 sample.
@@ -235,7 +228,7 @@ class Problem:
                 evaluator are counted, which then is for one search.
             options: of the simulator.
         """
-        joint, sigmas, spent = self.joint if joint is None else joint, sigmas or self.sigmas, 0
+        sigmas, spent = sigmas or self.sigmas, 0
 
         def evaluate(u, locals_, derivatives, *, ran: State | None = None, width=width, **more) -> State | None:
             nonlocal spent
@@ -251,7 +244,7 @@ class Problem:
             def piece(k: int) -> Piece | None:
                 loss = self.coarse_loss if widths[k] else self.loss
                 try:
-                    found = models[k].evaluate(p, locals_[k], sigmas, loss, names, joint, runs[k], widths[k], **own)
+                    found = models[k].evaluate(p, locals_[k], sigmas, loss, names, runs[k], widths[k], **own)
                 except (ContactLost, SimulationFailed) as failure:
                     taken[k] = failure.steps
                     return None
@@ -261,7 +254,7 @@ class Problem:
                 gg, gl, grad_g = change.T @ found.gg @ change, change.T @ found.gl, change.T @ found.grad_g
                 return replace(found, gg=gg, gl=gl, grad_g=grad_g)
 
-            found = in_parallel(piece, [len(model.t) * (8 + model.size(joint)) for model in models])
+            found = in_parallel(piece, [len(m.t) * (8 + len(x)) for m, x in zip(models, locals_, strict=True)])
             spent += sum(taken)
             pieces = tuple(part for part in found if part is not None)
             if len(pieces) < len(models) or not all(np.isfinite(part.cost) for part in pieces):

@@ -90,11 +90,10 @@ def profiled(problem: Problem, evaluate: Evaluate, state: State, name: str, rise
             if current.cost - min(found.values()) > rise:
                 break
 
-    def value(at: float) -> float:
-        return float(space.to_values(np.where(np.arange(len(state.u)) == i, at, state.u))[i])
-
     us = np.array(sorted(found))
-    costs, values = np.array([found[u] for u in us]) - min(found.values()), np.array([value(u) for u in us])
+    points = np.where(np.arange(len(state.u)) == i, us[:, None], state.u)
+    costs = np.array([found[u] for u in us]) - min(found.values())
+    values = np.array([space.to_values(point)[i] for point in points])
     best, above = int(np.argmin(costs)), np.flatnonzero(costs > rise)
     least = 0.0 if space.below[i] < 0 else float(space.to_values(state.u)[space.below[i]])
     ends = [-np.inf if space.scales[i] else least, np.inf]  # where the cost stays lower within the bounds

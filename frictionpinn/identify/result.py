@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -10,15 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..data.inspect import no_slip
-from ..numerics.descent import ENDED
-from ..numerics.quadratic import State
-from ..physics.base import at_contact, plain_name
-from ..show import Shown, Table, interval, readable_unit
+from ..numerics.descent import ENDED, Solution
+from ..numerics.excess import rms
+from ..physics.base import plain_name
+from ..show import Shown, Table, interval, plain, readable_unit
 from .problem import Problem
 from .trial import TrialModel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from ..evaluate.search_methods import Improvement
 
 CONVERGED, AT_BOUND, UNIDENTIFIED, NO_EXCITATION, UNEXPLAINED, STOPPED, FAILED = (
     "converged", "at a bound", "not identified", "no excitation", "not explained", "stopped early", "failed",
@@ -44,35 +45,32 @@ INSEPARABLE = 0.95  # correlation beyond which two parameters are hardly separat
 
 
 @dataclass(frozen=True)
-class Minimum:
-    """Where a search for the likelihood's minimum ended.
+class Minimum(Solution):
+    """Where a search for the likelihood's minimum ended, and the models of the trials there."""
 
-    Attributes:
-        state: unknowns, cost and its local model there.
-        models: of the trials.
-        reason: why the search ended, see :class:`frictionpinn.numerics.descent.Solution`.
-    """
-
-    state: State
     models: tuple[TrialModel, ...]
-    reason: str
 
 
-@dataclass(frozen=True)
-class Improvement:
-    """The best parameters that a search method had found after so many seconds and simulations of the recording.
+class Told(Shown):
+    """Parameters by ``names`` with the ``covariance`` of what is known of them, SI units, shape (n, n)."""
 
-    ``values`` are by name, SI units; ``cost`` is the negative log-likelihood there.
-    """
+    most_rows = None
+    names: tuple[str, ...]
+    covariance: np.ndarray
 
-    seconds: float
-    simulations: int
-    cost: float
-    values: dict[str, float]
+    @property
+    def std(self) -> dict[str, float]:
+        """name -> standard error, SI units."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation matrix, shape (n, n)."""
+        return correlation_of(self.covariance)
 
 
 @dataclass(frozen=True, repr=False)
-class Estimate(Shown):
+class Estimate(Told):
     """Parameters with their uncertainty, from any estimator.
 
     Attributes:
@@ -96,8 +94,6 @@ class Estimate(Shown):
         path: of a search method: every improvement, the first one first.
     """
 
-    most_rows = None
-
     estimator: str
     names: tuple[str, ...]
     values: dict[str, float]
@@ -114,16 +110,6 @@ class Estimate(Shown):
     prior: dict[str, str] = field(repr=False, default_factory=dict)
     minimum: Minimum | None = field(repr=False, default=None)
     path: tuple[Improvement, ...] = field(repr=False, default=())
-
-    @property
-    def std(self) -> dict[str, float]:
-        """name -> standard error, SI units."""
-        return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
-
-    @property
-    def correlation(self) -> np.ndarray:
-        """Correlation matrix of the estimates, shape (n, n)."""
-        return correlation_of(self.covariance)
 
     def to_dict(self) -> dict[str, Any]:
         """What there is to report as plain types for JSON; NaN becomes None."""
@@ -145,7 +131,7 @@ class Estimate(Shown):
             "seconds": self.seconds,
             "sigmas": {name: plain(value) for name, value in self.sigmas.items()},
             "rms_residuals": {
-                trial: {name: plain(float(np.sqrt(np.nanmean(r**2)))) for name, r in signals.items()}
+                trial: {name: plain(rms([r])) for name, r in signals.items()}
                 for trial, signals in self.residuals.items()
             },
         }
@@ -164,11 +150,6 @@ class Estimate(Shown):
         return drawn | ({"residuals": residuals_figure(self)} if self.residuals else {})
 
 
-def plain(value: float) -> float | None:
-    """A float for JSON; None where it is not finite."""
-    return float(value) if math.isfinite(value) else None
-
-
 def correlation_of(covariance: np.ndarray) -> np.ndarray:
     """Correlation matrix of a covariance matrix, shape (n, n)."""
     deviations = np.sqrt(np.diag(covariance))
@@ -178,8 +159,7 @@ def correlation_of(covariance: np.ndarray) -> np.ndarray:
 
 def verdict(
     problem: Problem,
-    reason: str,
-    p: np.ndarray,
+    minimum: Minimum,
     covariance: np.ndarray,
     ci95: Mapping[str, tuple[float, float]],
     hidden: Collection[str],
@@ -191,13 +171,13 @@ def verdict(
     """The outcome of an estimation, and sentences on what to do about it.
 
     Args:
-        problem, reason: what was solved, and why the search ended.
-        p, covariance, ci95: estimates, SI units, shape (n,), their covariance, shape (n, n), and 95 % intervals.
+        problem, minimum: what was solved, and where the search ended.
+        covariance, ci95: of the estimates, SI units, shape (n, n), and their 95 % intervals.
         hidden: parameters that do not show.
         at_limit, at_bound: strengths of effects at a physical limit; parameters at a bound that was given.
         memory, white: samples over which residuals stay correlated, and whether they are noise.
     """
-    space, result = problem.space, []
+    space, p, result = problem.space, problem.space.to_values(minimum.state.u), []
     hints = hints_of(space.names)
     for effect in problem.mechanism.effects:
         experiment = effect.said().get("experiment", "").rstrip(".")
@@ -205,10 +185,6 @@ def verdict(
             if experiment:
                 hints.setdefault(par.name, f"record {experiment}")
     slides = any(motion.fast.any() for motion in problem.motions)
-    fastest = {
-        at: max(float(np.abs(motion.slips[at]).max()) for motion in problem.motions) if slides else 0.0
-        for at in problem.motions[0].slips
-    }
     still = no_slip(problem.recording, problem.mechanism.system)
     if still:
         result.append(f"{still}: increase the excitation until it breaks loose")
@@ -239,9 +215,8 @@ def verdict(
         nothing = plain_name(name) in ("mu_c", "sigma_2") and value[name] < 2 * space.low[i]
         either = "leave it out: this model wants none" if nothing else "hold it fixed"
         result.append(f"{name} ended at its bound, {value[name]:.3g}: widen bounds.{name}, or {either}")
-    for at, speed in fastest.items():
-        v_s = at_contact(at, "v_s")
-        if value.get(v_s, 0.0) > BROAD * speed > 0:
+    for v_s in (name for name in space.names if plain_name(name) == "v_s"):
+        if slides and value[v_s] > BROAD * problem.scales.sizes.at(v_s).scales["speed"][1]:
             bend = "the Stribeck term bends the whole curve and stands for something else"
             result.append(f"{v_s} is as large as the speeds in these data: {bend}; take a law without it")
     result += sentences(space.names, np.nan_to_num(correlation_of(covariance)), hints)
@@ -255,7 +230,7 @@ def verdict(
             f"residuals{span}: the model lacks something (diagnose.py says what), its inputs are filtered, or a lower "
             "minimum was not found; intervals are widened for the correlation"
         )
-    outcome = CONVERGED if reason in (ENDED, "stuck") else STOPPED
+    outcome = CONVERGED if minimum.reason in (ENDED, "stuck") else STOPPED
     outcome = outcome if white else UNEXPLAINED
     outcome = AT_BOUND if at_bound else UNIDENTIFIED if hidden or open_ended else outcome
     outcome = outcome if slides and not still and len(hidden) < len(p) else NO_EXCITATION

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import numpy as np
 import sympy as sp
 from scipy.optimize import least_squares
 
 from ..numerics.motion import Motion, typical
-from ..numerics.motion_function import motion_function
+from ..numerics.motion_function import motion_function, sliding_friction
 from ..numerics.whiteness import correlation_time
-from ..physics.base import CONTACT, V_T, at_contact, plain_name
+from ..physics.base import at_contact, plain_name
 from ..physics.beforehand import EXCESS, STRIBECK
-from ..physics.friction import CoulombViscous
 from ..physics.mechanism import Mechanism
 from ..physics.scan import DECADES, data_scales
 from ..physics.sizes import Sizes, SizesByContact
@@ -66,8 +64,7 @@ class Scales:
             rates = np.concatenate([np.gradient(motion.v_slip, motion.t) for motion in at])
             acceleration = float(np.sqrt(np.mean(rates**2))) or 1.0
             load = max(float(np.mean([np.mean(np.abs(motion.normal)) for motion in at])), 1e-12)
-            units = {mu: load, viscous: velocity}
-            shares = {name: unit for name, unit in units.items() if name in found}
+            shares = {name: unit for name, unit in ((mu, load), (viscous, velocity)) if name in found}
             largest = max((found[name] * unit for name, unit in shares.items()), default=0.0)
             alone |= {name: largest / unit for name, unit in shares.items()}
             found |= {name: max(found[name], WEAKEST * alone[name]) for name in shares}
@@ -121,7 +118,7 @@ def default_bounds(
         if given.get(name) is not None:
             continue
         own = plain_name(name)
-        if par.hidden and par.scan is not None:
+        if par.hidden and par.scan is not None and par.scan.count > 1:
             result[name] = scales.sizes.at(name).ends(par.scan)
         elif par.low >= 0 and par.neutral is None:
             factor, least = 10**DECADES if own in wide else 10.0, max(par.low, 1e-12)
@@ -159,11 +156,9 @@ def _sliding_regression(
     forces: dict[str, sp.Expr] = {}
     zero: dict[str, float] = {}
     for contact in mechanism.contacts:
-        at, mu_c, sigma_2 = contact.system, *(at_contact(contact.name, name) for name in shares)
-        zero |= {mu_c: 0.0, sigma_2: 0.0}
-        mu, viscous = sp.symbols((mu_c, sigma_2), real=True)
-        seen, p = replace(CONTACT, v=at.v_slip, N=at.N), SimpleNamespace(mu_c=mu, sigma_2=viscous, v_t=V_T.low)
-        force = CoulombViscous().force(seen, p)  # its sign as sharp as can be: these samples slide
+        pair = tuple(at_contact(contact.name, name) for name in shares)
+        zero |= dict.fromkeys(pair, 0.0)
+        force = sliding_friction(contact.system, *sp.symbols(pair, real=True))
         for par in mechanism.parameters:
             if par.neutral is not None and par.name in free and par.name not in (*own, *guessed):
                 slope = sp.diff(contact.friction, par.symbol).xreplace(neutral)
@@ -172,7 +167,7 @@ def _sliding_regression(
                     force += par.symbol * slope
         forces[contact.name] = force
     functions = []
-    for c in mechanism.free or tuple(c for c in system.moving if c.name not in system.driven):
+    for c in system.free:
         along = {contact.name: contact.system.jacobian[c.name] for contact in mechanism.contacts}
         if any(J != 0 for J in along.values()):
             balance = system.residual(c) + sum(J * forces[name] for name, J in along.items())

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import sympy as sp
 
 from ..errors import UserError
 from ..physics.base import beside, plain_name
@@ -45,7 +44,7 @@ class Space:
         names: Sequence[str],
         bounds: Mapping[str, Sequence[float] | None],
         fixed: Mapping[str, float],
-        sizes: Mapping[str, float] | None = None,
+        sizes: Mapping[str, float],
     ) -> Space:
         """Check names and bounds against the mechanism's parameters.
 
@@ -53,7 +52,7 @@ class Space:
             mechanism, names: the parameters, and which are free.
             bounds: name -> (low, high), SI units; the physical range where there are none.
             fixed: name -> value of those that are known, SI units.
-            sizes: name -> unit in which it is searched if it may be zero; by default half the width of its bounds.
+            sizes: name -> unit in which it is searched if it may be zero; where that is 0, half its bounds' width.
 
         Raises:
             UserError: an unknown name, bounds that are empty or outside the parameter's physical range.
@@ -75,7 +74,7 @@ class Space:
                                 allowed=f"two numbers, the lower first, within {low[i]:g} to {high[i]:g}")  # fmt: skip
             low[i], high[i] = pair
         below = [-1] * len(ordered)
-        for upper, lower in _order(mechanism):
+        for upper, lower in mechanism.law.order:
             if upper in ordered and lower in ordered:
                 below[ordered.index(upper)] = ordered.index(lower)
             elif upper in ordered and lower in fixed:
@@ -84,13 +83,9 @@ class Space:
             elif lower in ordered and upper in fixed:
                 i = ordered.index(lower)
                 high[i] = min(high[i], fixed[upper] * (1 - LEAST_GAP))
-        scales = np.zeros(len(ordered))
-        for i, name in enumerate(ordered):
-            par, width = table[name], high[i] - low[i]
-            if par.linear:
-                usual = width / 2 if math.isfinite(width) else max(abs(par.neutral or 0.0), 1.0)
-                scales[i] = (sizes or {}).get(name) or usual
-        return cls(ordered, low, high, tuple(below), scales)
+        widths = zip(ordered, high - low, strict=True)
+        scales = [(sizes[name] or width / 2) if table[name].linear else 0.0 for name, width in widths]
+        return cls(ordered, low, high, tuple(below), np.array(scales))
 
     def to_search(self, values: Mapping[str, float] | np.ndarray) -> np.ndarray:
         """Return u, shape (n,), of parameters, SI units, by name or shape (n,); they are moved inside the bounds."""
@@ -177,13 +172,10 @@ class Prior:
         rows: list[np.ndarray] = []
         target: list[float] = []
         about: dict[str, str] = {}
-        free = [(n, own, spread) for own, spread in SPREADS.items() for n in space.names if plain_name(n) == own]
-        for name, own, spread in free:
-            if name not in expected:
-                continue
-            i, mu_c = space.names.index(name), beside(name, "mu_c")
-            row, lower = np.zeros(len(space.names)), space.below[i]
-            row[i] = 1.0
+        kept = {name: value for name, value in expected.items() if plain_name(name) in SPREADS}
+        for i, name in ((i, name) for i, name in enumerate(space.names) if name in kept):
+            own, mu_c, lower = plain_name(name), beside(name, "mu_c"), space.below[i]
+            row, spread = np.eye(len(space.names))[i], SPREADS[own]
             if own == "mu_s" and lower >= 0:
                 row[lower], value = -1.0, np.log(EXCESS)
                 about[name] = (
@@ -195,7 +187,6 @@ class Prior:
                 about[name] = f"{middle:.2g}, within a factor of {np.exp(2 * spread):.2g}"
             rows.append(row / spread)
             target.append(value / spread)
-        kept = {name: value for name, value in expected.items() if plain_name(name) in SPREADS}
         return cls(np.array(rows).reshape(len(rows), len(space.names)), np.array(target), about, kept)
 
     @property
@@ -206,15 +197,3 @@ class Prior:
     def distance(self, u: np.ndarray) -> np.ndarray:
         """A u - b at u, shape (n,): half its square is what the prior costs."""
         return self.rows @ u - self.target
-
-
-def _order(mechanism: Mechanism) -> list[tuple[str, str]]:
-    """Pairs (upper, lower) of parameters that the law keeps in order."""
-    names = {par.symbol: par.name for par in mechanism.parameters}
-    pairs = []
-    for expr in mechanism.law.constraints(mechanism.law.symbols):
-        upper = [s for s in expr.free_symbols if sp.diff(expr, s) == 1]
-        lower = [s for s in expr.free_symbols if sp.diff(expr, s) == -1]
-        if len(upper) == len(lower) == 1 and len(expr.free_symbols) == 2:
-            pairs.append((names[upper[0]], names[lower[0]]))
-    return pairs

@@ -34,7 +34,7 @@ def coarse_design(problem: Problem) -> list[np.ndarray]:
     space, start, fixed = problem.space, problem.start, problem.fixed
     masses, alone = problem.scales.masses, problem.scales.alone
     designed = [full for name in DESIGNED for full in space.names if plain_name(full) == name]
-    dims = [*designed, *(name for name in problem.shapes if name in space.names)]
+    dims = [*designed, *problem.shapes]
     points = qmc.Sobol(max(len(dims), 1), seed=0).random(DESIGN_POINTS.get(len(dims), MOST_POINTS))
     bounds, signed = space.bounds, [name for name, scale in zip(space.names, space.scales, strict=True) if scale]
     dry, result = {name: value for name, value in alone.items() if plain_name(name) == "mu_c"}, []
@@ -62,27 +62,21 @@ def coarse_design(problem: Problem) -> list[np.ndarray]:
         result.append(p)
     if not dims:  # what one kind of friction does not explain may be another's
         kinds = [name for name in alone if name in space.names]
-        for name in kinds:
-            result.append(start | {other: WEAKER * start[other] for other in kinds} | {name: alone[name]})
+        weaker = start | {name: WEAKER * start[name] for name in kinds}
+        result += [weaker | {name: alone[name]} for name in kinds]
     return [space.to_search(p) for p in result]
 
 
-def ridges(space: Space) -> list[tuple[str, str]]:
-    """Names of mu_s and v_s of every contact where both are free."""
-    pairs = [(name, beside(name, "v_s")) for name in space.names if plain_name(name) == "mu_s"]
-    return [pair for pair in pairs if pair[1] in space.names]
-
-
-def ridge_grid(
-    space: Space, u: np.ndarray, fixed: Mapping[str, float], pair: tuple[str, str] = ("mu_s", "v_s")
-) -> list[np.ndarray]:
-    """Search vectors that differ from u in mu_s / mu_c and v_s, which a contact calls by the names of the ``pair``."""
-    mu_s, v_s = pair
-    p, dry = space.named(u), beside(mu_s, "mu_c")
-    mu_c, speeds = p.get(dry, fixed.get(dry)), np.geomspace(*space.bounds[v_s], RIDGE[1])
-    pairs = [(ratio, speed) for ratio in np.geomspace(*STATIC_RATIO, RIDGE[0]) for speed in speeds]
-    pairs.append((FLAT_RATIO, p[v_s]))  # no rise towards rest: a law that has too much
-    return [space.to_search(p | {mu_s: ratio * mu_c, v_s: speed}) for ratio, speed in pairs]
+def ridge_grid(space: Space, u: np.ndarray, fixed: Mapping[str, float]) -> list[np.ndarray]:
+    """Search vectors that differ from u in mu_s / mu_c and v_s of a contact, for every one where both are free."""
+    p, made = space.named(u), []
+    for mu_s in (name for name in p if plain_name(name) == "mu_s" and beside(name, "v_s") in p):
+        v_s, mu_c = beside(mu_s, "v_s"), {**fixed, **p}[beside(mu_s, "mu_c")]
+        speeds = np.geomspace(*space.bounds[v_s], RIDGE[1])
+        pairs = [(ratio, speed) for ratio in np.geomspace(*STATIC_RATIO, RIDGE[0]) for speed in speeds]
+        pairs.append((FLAT_RATIO, p[v_s]))  # no rise towards rest: a law that has too much
+        made += [space.to_search(p | {mu_s: ratio * mu_c, v_s: speed}) for ratio, speed in pairs]
+    return made
 
 
 def _between(low: float, high: float, x: float) -> float:

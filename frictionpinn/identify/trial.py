@@ -259,7 +259,6 @@ class TrialModel:
         sigmas: Mapping[str, float],
         loss: Loss,
         names: Sequence[str] = (),
-        joint: bool = False,
         ran: Simulation | None = None,
         width: float = 0.0,
         **options: Any,
@@ -267,17 +266,16 @@ class TrialModel:
         """Cost of the trial, and with ``names`` of free parameters its derivatives, in SI units.
 
         Args:
-            p, local: all parameters, SI units, and the local unknowns.
+            p, local: all parameters, SI units, and the local unknowns; inputs that are not among these stay as fitted.
             sigmas, loss: noise standard deviations by signal, SI units, and what a residual in these units costs.
             names: parameters to differentiate by.
-            joint: whether the inputs' coefficients are among the unknowns; else they are as fitted to the inputs.
             ran, options: see :meth:`simulate`.
             width: resolution in time at which the outputs are compared, s; 0: sample by sample.
 
         Raises:
             ContactLost, SimulationFailed: the model cannot be simulated there.
         """
-        p = {**p, **self.own}
+        p, joint = {**p, **self.own}, len(local) > len(self.states)
         run = self.simulate(p, local, names, joint, ran, **options)
         steps = len(run.steps) if ran is None else 0
         model = self.predict(run)
@@ -288,7 +286,7 @@ class TrialModel:
         if half:
             r = averaged(np.ascontiguousarray(r[:, :, None]), measured, half)[:, :, 0]
         cost = loss.cost(r)
-        n_g, n_l, first = len(names), self.size(joint), len(self.states)
+        n_g, n_l, first = len(names), len(local), len(self.states)
         if names:
             J = self.derivatives(run, p, names, joint)
             if half:

@@ -147,7 +147,7 @@ def finish(
     rows = {name: [np.nan_to_num(piece.residuals[name] / sigmas[name]) for piece in state.pieces] for name in outputs}
     memory = max(correlation_time(own) for own in rows.values())
     factor = memory if memory > CORRELATED else 1.0
-    factor *= problem.loss.inflation(np.concatenate([r for own in rows.values() for r in own]))
+    factor *= problem.loss.inflation(np.concatenate([state.left(name) / sigmas[name] for name in outputs]))
     information = reduced(state)[0] - problem.prior.information
     mask = untold(space, state.u, information / factor) & ~at & (minimum.reason != BUDGET)  # there: where it got
     covariance = widened(space, state.u, covariance_of(space, state.u, information, mask, at) * factor, beside, factor)
@@ -166,7 +166,7 @@ def finish(
             ci95[name] = min(least, p[i]), max(most, p[i])  # the prior, or a minimum that the profile left, holds it
 
     hidden = [names[i] for i in np.flatnonzero(mask)]
-    outcome, advice = verdict(problem, minimum.reason, p, covariance, ci95, hidden, at_limit, at_bound, memory, white)
+    outcome, advice = verdict(problem, minimum, covariance, ci95, hidden, at_limit, at_bound, memory, white)
     return Estimate(
         ESTIMATOR, names, value, {name: problem.mechanism.read_in[name] for name in names}, covariance, ci95, outcome,
         advice, state.cost, simulations, seconds, sigmas,

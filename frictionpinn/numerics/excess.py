@@ -30,8 +30,9 @@ FADED = 0.05  # autocorrelation below which a residual counts as uncorrelated
 
 
 def rms(own: Sequence[np.ndarray]) -> float:
-    """Root mean square over all trials, NaN left out."""
-    return float(np.sqrt(np.nanmean(np.concatenate(own) ** 2)))
+    """Root mean square over all trials, NaN left out; NaN where nothing else is there."""
+    r = np.concatenate(own)
+    return float(np.sqrt(np.mean(r[~np.isnan(r)] ** 2))) if not np.isnan(r).all() else np.nan
 
 
 @dataclass(frozen=True)

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import sympy as sp
 
+from ..physics.base import CONTACT, V_T
+from ..physics.friction import CoulombViscous
 from ..physics.system import System
 
 
 @lru_cache(maxsize=256)  # asked for of every trial
 def _compiled(arguments: tuple[sp.Symbol, ...], expr: sp.Expr) -> Callable:
     return sp.lambdify(arguments, expr, modules="numpy", cse=True)
+
+
+def sliding_friction(view: System, mu_c: sp.Expr | float, sigma_2: sp.Expr | float) -> sp.Expr:
+    """Dry and viscous friction of a contact along samples that slide: its sign is as sharp as can be."""
+    p = SimpleNamespace(mu_c=mu_c, sigma_2=sigma_2, v_t=V_T.low)
+    return CoulombViscous().force(replace(CONTACT, v=view.v_slip, N=view.N), p)
 
 
 def motion_function(system: System, expr: sp.Expr) -> Callable:

@@ -13,18 +13,14 @@ would come to rest; where it would fall only if its forces say so beyond chance:
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
 from itertools import product
-from types import SimpleNamespace
 
 import numpy as np
 import sympy as sp
 from scipy.optimize import least_squares, nnls
 
-from ..physics.base import CONTACT, V_T
-from ..physics.friction import CoulombViscous
 from ..physics.system import Coordinate, System
-from .motion_function import motion_function
+from .motion_function import motion_function, sliding_friction
 from .whiteness import SIGNIFICANCE, correlation_time
 
 AROUND = 12  # places around a turn, from the best of which the search begins: two valleys are half a turn apart
@@ -114,10 +110,7 @@ def _rows(system: System) -> list[list[Callable]]:
     for c in system.free:
         E, unit = system.residual(c), []
         for view in system.each:
-            seen, sharp = replace(CONTACT, v=view.v_slip, N=view.N), V_T.low  # these samples slide
-            for mu_c, sigma_2 in ((1.0, 0.0), (0.0, 1.0)):
-                force = CoulombViscous().force(seen, SimpleNamespace(mu_c=mu_c, sigma_2=sigma_2, v_t=sharp))
-                unit.append(view.jacobian[c.name] * force)
+            unit += [view.jacobian[c.name] * sliding_friction(view, *pair) for pair in ((1.0, 0.0), (0.0, 1.0))]
         inertia = sp.diff(E, c.symbols[2])
         rows.append([motion_function(system, sp.sympify(e) / (inertia if inertia != 0 else 1)) for e in (E, *unit)])
     return rows

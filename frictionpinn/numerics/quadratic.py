@@ -6,7 +6,7 @@ are eliminated.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +14,7 @@ from scipy.linalg.lapack import dposv
 
 from .jumps import Jump
 from .simulate import Simulation
+from .whiteness import SIGNIFICANCE, whiteness
 
 LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one step
 FAINT = 0.01  # added to the curvature in log u: that of an unknown told to ten powers of e, which tells nothing
@@ -75,6 +76,16 @@ class State:
     def curved(self) -> bool:
         """Whether it was computed with derivatives."""
         return all(len(piece.gg) for piece in self.pieces)
+
+    def left(self, name: str) -> np.ndarray:
+        """What is left of a signal in all trials, SI units, samples that were not measured left out, shape (m,)."""
+        r = np.concatenate([np.zeros(0), *(piece.residuals[name] for piece in self.pieces if name in piece.residuals)])
+        return r[~np.isnan(r)]
+
+    def white(self, names: Collection[str], span: int) -> bool:
+        """Whether what is left of these signals is as white as noise, see :func:`.whiteness.whiteness`."""
+        rows = {name: [p.residuals[name] for p in self.pieces if name in p.residuals] for name in names}
+        return whiteness(rows, span) > SIGNIFICANCE
 
     @property
     def unit(self) -> float:

@@ -135,8 +135,9 @@ def known_sigmas(trials: Sequence[Coordinate], sigmas: Sigmas | None) -> np.ndar
     for k, value in enumerate(given):
         pairs = [(trial[0], np.asarray(trial[k + 1], float)) for trial in trials if trial[k + 1] is not None]
         if pairs:
-            everything = np.concatenate([y for _, y in pairs])
-            floor = SIGMA_FLOOR * float(np.sqrt(np.nanmean(everything**2))) or SIGMA_FLOOR
+            y = np.concatenate([y for _, y in pairs])
+            size = np.sqrt(np.nansum(y**2) / max(np.count_nonzero(~np.isnan(y)), 1))
+            floor = SIGMA_FLOOR * float(size) or SIGMA_FLOOR
             result[k] = max(difference_sigma(pairs) if value is None else value, floor)
     return result
 

@@ -137,11 +137,16 @@ class FrictionLaw:
         """Expressions of the parameters that must not be negative (mu_s - mu_c)."""
         return ()
 
+    @property
+    def order(self) -> list[tuple[str, str]]:
+        """Names (upper, lower) of the pairs of parameters that :meth:`constraints` keep in order."""
+        shares = [{s.name: expr.coeff(s) for s in expr.free_symbols} for expr in self.constraints(self.symbols)]
+        pairs = [sorted(share, key=share.__getitem__) for share in shares if sorted(share.values()) == [-1, 1]]
+        return [(upper, lower) for lower, upper in pairs]
+
     def check_order(self, values: Mapping[str, float], where: str) -> None:
-        """Raise :class:`UserError` where values, SI units, break one of :meth:`constraints`."""
-        for expr in self.constraints(self.symbols):
-            share = {symbol.name: float(expr.coeff(symbol)) for symbol in expr.free_symbols}
-            upper, lower = max(share, key=share.__getitem__), min(share, key=share.__getitem__)
+        """Raise :class:`UserError` where values, SI units, are not in :attr:`order`."""
+        for upper, lower in self.order:
             if float(values[upper]) < float(values[lower]):
                 raise UserError(
                     "static below Coulomb friction",

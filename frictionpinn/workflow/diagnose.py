@@ -18,7 +18,6 @@ from ..diagnose.select import Settings
 from ..diagnose.verdict import FOUND, NO_VERDICT, PARTLY, UNEXPLAINED
 from ..errors import UserError, choose
 from ..export.augmented import save_augmented
-from ..identify.result import plain
 from ..physics.effects import EFFECTS
 from ..physics.mechanism import Mechanism
 from ..physics.notation import equations, in_latex, in_mathml
@@ -26,7 +25,7 @@ from ..progress import shorter
 from ..report.diagnosis import gain_together, headline, write_page
 from ..report.diagnosis_figures import draw
 from ..report.words import span
-from ..show import readable_unit
+from ..show import plain, readable_unit
 from .build import (
     Config,
     build_noise,

@@ -21,13 +21,14 @@ from ..evaluate.picture import save_png
 from ..evaluate.style import squared
 from ..evaluate.trajectory import Trajectory, simulate, simulation_error
 from ..evaluate.yardsticks import Candidate
-from ..identify.result import Estimate, plain
+from ..identify.result import Estimate
 from ..numerics.simulate import Simulator
 from ..physics import LAWS, System, extensions
 from ..physics.base import beside, plain_name
 from ..physics.contacts import by_parameter, law_named, laws_of
 from ..physics.mechanism import Mechanism
 from ..progress import Steps
+from ..show import plain
 from .build import Config, build_friction, build_noise, build_recording, build_system, estimated_law, law_table, seed_of
 from .configs import called
 from .estimate import ESTIMATORS, NETWORKS, estimate, given_start

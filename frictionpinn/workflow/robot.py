@@ -10,7 +10,6 @@ import numpy as np
 
 from ..data.findings import Finding
 from ..errors import UserError, choose
-from ..identify.result import plain
 from ..physics.base import contact_of, plain_name
 from ..physics.robot import INERTIAL, INERTIAL_UNITS
 from ..report.robot import draw, headline, in_text, rows, write_page
@@ -23,7 +22,7 @@ from ..robots.identify import relative_errors
 from ..robots.least_squares import Solution
 from ..robots.recording import TORQUE_AT, robot_units
 from ..robots.rounds import Settings
-from ..show import readable_unit
+from ..show import plain, readable_unit
 from .build import Config
 from .configs import called
 from .manifest import write_json

@@ -74,6 +74,17 @@ def test_proposed_experiment_shrinks_the_interval_as_predicted():
     assert after.std["v_s"] / after.values["v_s"] == pytest.approx(errors[0], rel=0.6)
 
 
+@pytest.mark.parametrize("amplitude", [4, 30])
+def test_present_data_and_an_experiment_tell_together_what_their_recordings_do(amplitude):
+    """Whatever the units in which either is searched: viscous friction is, relative to the size of its recording."""
+    mechanism, truth, clean, _, levels = case("drive", "coulomb_viscous", (0, 1))
+    candidate = {"duration": 2.0, "force": f"{amplitude}*sin(2*pi*t)"}
+    (ranked,) = rank_experiments(mechanism, truth, [candidate], rate_hz=200.0, sigmas=levels, present=clean)
+    new = simulate_recording(mechanism.system, "coulomb_viscous", truth, [candidate | {"name": "new"}], 200.0)
+    together = bound(mechanism, Recording((*clean.trials, *new.trials), clean.units), truth, sigmas=levels)
+    assert ranked.relative == pytest.approx(together.relative, rel=0.05)
+
+
 def test_an_impossible_experiment_comes_last_with_its_reason():
     mechanism, truth, _, _, levels = case("pob", "lugre", (1, 4))
     candidates = [{"duration": 1.0, "theta": f"50*deg*sin(2*pi*{f}*t)"} for f in (1.5, 1.0)]

@@ -53,9 +53,9 @@ def test_derivatives_of_the_likelihood_are_right_where_sensors_are_wrong():
     local = model.local + 0.02
 
     def cost(p, own) -> float:
-        return model.evaluate(p, own, problem.sigmas, problem.loss, joint=True, strict=True, rtol=1e-8, atol=1e-9).cost
+        return model.evaluate(p, own, problem.sigmas, problem.loss, strict=True, rtol=1e-8, atol=1e-9).cost
 
-    piece = model.evaluate(values, local, problem.sigmas, problem.loss, names, True, rtol=1e-8, atol=1e-9)
+    piece = model.evaluate(values, local, problem.sigmas, problem.loss, names, rtol=1e-8, atol=1e-9)
     for found, name in zip(piece.grad_g, names, strict=True):
         up, down = ({**values, name: values[name] + step} for step in (1e-6, -1e-6))
         assert found == pytest.approx((cost(up, local) - cost(down, local)) / 2e-6, rel=1e-3, abs=1e-3), name

@@ -18,7 +18,7 @@ from frictionpinn.numerics.whiteness import correlation_time
 
 def space():
     mechanism, truth, *_ = case("pob", "lugre", (1, 4))
-    return Space.build(mechanism, tuple(truth), {name: (v / 10, v * 10) for name, v in truth.items()}, {}), truth
+    return Space.build(mechanism, tuple(truth), {name: (v / 10, v * 10) for name, v in truth.items()}, {}, truth), truth
 
 
 @given(st.lists(st.floats(-1, 1), min_size=6, max_size=6))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from cases import case
+from cases import case, deviations
 from omegaconf import OmegaConf
 
 from frictionpinn.data.noise import GaussianNoise
@@ -13,6 +15,7 @@ from frictionpinn.identify import Problem, maximum_likelihood
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.physics import SYSTEMS
 from frictionpinn.physics.contacts import by_parameter, law_named
+from frictionpinn.physics.effects import effects_for
 from frictionpinn.physics.mechanism import Mechanism
 
 
@@ -30,12 +33,10 @@ def began(problem: Problem):
 
 def test_a_varied_problem_leaves_the_one_that_it_comes_from(problem):
     before = {name: value for name, value in vars(problem).items() if name != "_calls"}
-    made = problem.varied(
-        names=["mu_c"], values={"mu_c": 2.0, "v_s": 5e-3}, sigmas={"v": 0.1}, joint=False, prior=False
-    )
+    made = problem.varied(names=["mu_c"], values={"mu_c": 2.0, "v_s": 5e-3}, sigmas={"v": 0.1}, prior=False)
     assert made.names == ("mu_c",) and made.start == {"mu_c": 2.0} and made.fixed["v_s"] == 5e-3
     assert made.fixed["sigma_0"] == problem.start["sigma_0"]
-    assert made.given == {"v": 0.1} and made.sigmas == problem.sigmas | {"v": 0.1} and not made.joint
+    assert made.given == {"v": 0.1} and made.sigmas == problem.sigmas | {"v": 0.1}
     assert made.simulations == 0 and not len(made.prior.target)
     assert all(vars(problem)[name] is value for name, value in before.items())
 
@@ -136,3 +137,20 @@ def test_the_trials_one_by_one_are_one_simulation_of_the_recording_and_cost_as_m
     assert made.simulations == 1
     assert sum(state.cost for state in alone) == pytest.approx(made.evaluator(made.trials)(u, locals_, False).cost)
     assert made.simulations == 2
+
+
+@pytest.mark.parametrize("signal", ["x", "v"])
+def test_a_trial_may_begin_with_a_sample_that_was_not_measured(signal):
+    mechanism, truth, _, noisy, _ = case("drive", "coulomb_viscous", (0, 1))
+    trials = [replace(t, signals=t.signals | {signal: np.where(t.t < 0.008, np.nan, t.signals[signal])})
+              for t in noisy.trials]  # fmt: skip
+    found = maximum_likelihood(mechanism, replace(noisy, trials=tuple(trials)), thorough=False, profiles=False)
+    assert max(deviations(found, truth).values()) < 4
+
+
+def test_a_place_that_is_looked_for_nowhere_but_at_one_value_keeps_its_physical_limits():
+    mechanism, _, _, noisy, _ = case("drive", "coulomb_viscous", (0, 1))
+    system, law = mechanism.system, mechanism.law
+    places = Mechanism(system, law, effects_for(system, law, ["position_friction"]))
+    low, high = Problem(places, noisy, free=("mu_c", "position_middle")).space.bounds["position_middle"]
+    assert low < -1e6 and high > 1e6

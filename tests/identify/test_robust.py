@@ -1,5 +1,8 @@
 """Landscapes that mislead: jumps within a sample, friction that a law has and the data have not, work within work."""
 
+import warnings
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cases import case, deviations
@@ -62,3 +65,18 @@ def test_parallel_work_hands_on_its_error():
 def test_a_loss_tells_the_standard_deviation_of_gaussian_noise(name):
     r, loss = 0.3 * np.random.default_rng(0).standard_normal(20_000), LOSSES[name]
     assert loss.spread * loss.sigma(r, len(r)) == pytest.approx(0.3, rel=0.02)
+
+
+def test_samples_that_were_not_measured_do_not_make_an_interval_narrower():
+    """A robust loss knows from its residuals how much they tell; of a sample that is not there it knows nothing."""
+    mechanism, _, _, noisy, _ = case("drive", "coulomb_viscous", (0, 1, 2, 3))
+    first, *others = noisy.trials
+    fewer = [replace(trial, signals={n: trial.signals[n] for n in ("force", "v")}) for trial in others]
+    alone, with_them = (
+        maximum_likelihood(mechanism, replace(noisy, trials=trials), thorough=False, profiles=False, loss="robust")
+        for trials in ((first, *others), (first, *fewer))
+    )
+    assert with_them.std["mu_c"] > 0.98 * alone.std["mu_c"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert with_them.to_dict()["rms_residuals"]["1"]["a"] is None
