@@ -57,18 +57,21 @@ def test_errors_of_the_inputs_have_the_size_that_smoothing_leaves():
     assert errors.squares().item() == 0.0
 
 
-def test_a_contact_that_a_known_force_moves_has_no_error_of_its_input_but_of_its_starts():
+def test_a_force_that_moves_a_contact_is_as_noisy_as_it_was_measured():
     from frictionpinn.workflow.build import build_system
     from frictionpinn.workflow.experiment import build_data, build_model
     from frictionpinn.workflow.options import composed
 
     options = ["experiment=memory", "model=bb2", "system=drive", "data.rate_hz=100", "data.training_trials=2"]
-    cfg = composed("train", options)
+    cfg = composed("train", [*options, "noise.level=0.05"])
     system = build_system(cfg["system"])
-    model = build_model(cfg, system, build_data(cfg, system))
-    assert model.through == "motion" and not model.errors.along().any()
-    assert len(model.errors.starts) >= 2 and model.errors.places is None
-    assert model.scales["input_error"] == 0.0 < model.scales["start_error"]
+    data = build_data(cfg, system)
+    model = build_model(cfg, system, data)
+    noise = 0.05 * np.std(np.concatenate([trial.signals["force"] for trial in data.recording.trials]))  # N, on 1 kg
+    assert model.through == "motion" and len(model.errors.starts) >= 2 and model.errors.places is None
+    assert model.scales["input_error"] == pytest.approx(noise, rel=0.15)
+    assert model.scales["force_noise"] > 0.85 * noise
+    assert model.scales["start_error"] > 0
 
 
 def test_errors_of_an_acceleration_whose_position_is_measured_keep_their_lack_of_a_slow_part():
