@@ -8,13 +8,14 @@ from typing import Any
 
 from ..control import Compensator
 from ..control.build import NOTHING, build_compensator
-from ..errors import UserError
+from ..errors import UserError, unwritable
 from ..export.compensator import write_compensator_c
 from ..identify.result import Estimate
 from ..physics import extensions
 from ..physics.mechanism import Mechanism
 from ..workflow.options import composed
-from .estimates import known_options, values_of
+from .arguments import mechanism_given, number_given, table_given, values_of
+from .estimates import known_options
 
 
 def compensate(
@@ -69,10 +70,11 @@ def compensate(
         3.2
     """
     extensions.load()
-    if not isinstance(mechanism, Mechanism):
-        raise UserError("no mechanism", where="mechanism", received=mechanism,
-                        allowed="a system with its law, such as fp.mechanism('drive', 'lugre')")  # fmt: skip
-    if folder is not None and Path(folder).is_file():
+    mechanism, known = mechanism_given(mechanism), table_given(known, "known") or None
+    for key in ("transition", "disturbance", "bandwidth", "limit", "uneven", "gain"):
+        if options.get(key) is not None:
+            number_given(options[key], key)
+    if folder is not None and (not isinstance(folder, str | Path) or Path(folder).is_file()):
         raise UserError("no folder", where="folder", received=folder, allowed="a folder, made where there is none")
     config = composed("compensate", [f"control={control}"])["control"]
     if config["name"] == NOTHING:
@@ -87,8 +89,11 @@ def compensate(
     made = build_compensator(config | options, axis, values, **loop)
     assert made is not None
     if folder is not None:
-        Path(folder).mkdir(parents=True, exist_ok=True)
-        write_compensator_c(Path(folder), made)
+        try:
+            Path(folder).mkdir(parents=True, exist_ok=True)
+            write_compensator_c(Path(folder), made)
+        except OSError as error:
+            raise unwritable(error, folder, "name another folder") from error
     return made
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from ..data.recording import Recording
@@ -22,8 +22,16 @@ from ..workflow.diagnose import examine
 from ..workflow.estimate import NETWORKS, estimate
 from ..workflow.options import composed
 from ..workflow.vet import admit
-
-Values = Mapping[str, float] | Estimate
+from .arguments import (
+    Values,
+    bounds_given,
+    mechanism_given,
+    names_given,
+    number_given,
+    recording_given,
+    table_given,
+    values_of,
+)
 
 
 def fit(
@@ -67,9 +75,8 @@ def fit(
     """
     extensions.load()
     known_options("fit", options, [*_parameters_of(Problem.__init__)[3:], "epochs", "simulations"])
-    if isinstance(options.get("free"), str):
-        raise UserError("not a list of parameters", where="free", received=repr(options["free"]),
-                        allowed=f"[{options['free']!r}]")  # fmt: skip
+    mechanism, recording = mechanism_given(mechanism), recording_given(recording)
+    options = _checked(options, recording)
     if method in NETWORKS:
         _of_network(method, mechanism, options)
     admit(mechanism.system, recording, check, options.get("free") or ())
@@ -113,7 +120,8 @@ def bound(mechanism: Mechanism, recording: Recording, values: Values, **options:
     """
     extensions.load()
     known_options("bound", options, _parameters_of(Problem.__init__)[3:])
-    return cramer_rao(mechanism, recording, values_of(values), **options)
+    mechanism, recording = mechanism_given(mechanism), recording_given(recording)
+    return cramer_rao(mechanism, recording, values_of(values), **_checked(options, recording))
 
 
 def diagnose(
@@ -159,17 +167,19 @@ def diagnose(
         ('effect found', ['constant_force'])
     """
     extensions.load()
+    mechanism, recording = mechanism_given(mechanism), recording_given(recording)
     system = mechanism.system
     defaults = composed("diagnose", ["data.path=recording"])
     known_options("diagnose", options, [key for key in defaults["diagnose"] if key != "declared"])
     cfg = composed("diagnose", ["data.path=recording", *(f"diagnose.{k}={written(v)}" for k, v in options.items())])
     admit(system, recording, check, cfg["diagnose"]["free"] or ())
     cfg["diagnose"]["declared"] = [effect.name for effect in mechanism.effects]
-    cfg["data"] |= {"held_out": None if held_out is None else list(held_out)}
+    cfg["data"] |= {"held_out": None if held_out is None else names_given(held_out, "held_out")}
     cfg["system"] = {"name": system.name, "equations": system.equations, "driven": list(system.driven),
                      "parameters": dict(system.values)}  # fmt: skip
-    given = {"start": start, "bounds": bounds, "fixed": fixed}
-    cfg["friction"] = {"name": mechanism.law.name, **{key: dict(value or {}) for key, value in given.items()}}
+    given = {"start": table_given(start, "start"), "fixed": table_given(fixed, "fixed")}
+    mechanism.check_values(given["start"], "start")
+    cfg["friction"] = {"name": mechanism.law.name, "bounds": bounds_given(bounds, "bounds"), **given}
     with clock():
         return examine(cfg, mechanism, recording)
 
@@ -207,16 +217,22 @@ def online(
         >>> reading.status, reading.low < reading.force < reading.high
         ('ok', True)
     """
+    mechanism, recording = mechanism_given(mechanism), recording_given(recording)
     admit(mechanism.system, recording, check)
-    return OnlineEstimator.fit(mechanism, values_of(parameters), recording, adapt)
+    return OnlineEstimator.fit(mechanism, values_of(parameters), recording, table_given(adapt, "adapt"))
 
 
-def values_of(values: Values) -> dict[str, float]:
-    """Parameters by name, of an estimate too."""
-    found = values.values if isinstance(values, Estimate) else values
-    if not isinstance(found, Mapping):
-        raise UserError("no parameters", where="parameters", received=found, allowed="values by name, or an estimate")
-    return dict(found)
+def _checked(options: Mapping[str, Any], recording: Recording) -> dict[str, Any]:
+    """Options of a problem, what they hold checked as far as a configuration would have."""
+    signals = dict.fromkeys(name for trial in recording.trials for name in trial.signals)
+    checks: dict[str, Callable[[Any], Any]] = {
+        "free": lambda given: names_given(given, "free"),
+        "fixed": lambda given: table_given(given, "fixed"),
+        "bounds": lambda given: bounds_given(given, "bounds"),
+        "sigmas": lambda given: table_given(given, "sigmas", signals),
+        "windows": lambda given: number_given(given, "windows", least=0.0),
+    }
+    return {key: checks[key](value) if key in checks and value is not None else value for key, value in options.items()}
 
 
 def _parameters_of(function: Any) -> list[str]:

@@ -11,6 +11,7 @@ from ..physics.contacts import law_named
 from ..physics.effects import applicable
 from ..physics.mechanism import Mechanism
 from ..show import Table, readable_unit
+from .arguments import mechanism_given
 
 
 def systems() -> Table:
@@ -68,6 +69,7 @@ def effects(mechanism: Mechanism | None = None) -> Table:
     extensions.load()
     kinds: Iterable[Effect | type[Effect]] = EFFECTS.values()
     if mechanism is not None:
+        mechanism = mechanism_given(mechanism)
         kinds = applicable(mechanism.system, mechanism.law, [effect.name for effect in mechanism.effects])
     told = ("equation", "occurs", "experiment")
     return Table(("effect", *told), tuple((kind.name, *(kind.said().get(key, "") for key in told)) for kind in kinds))
@@ -139,7 +141,10 @@ def mechanism(
         'cartpole+lugre@rail+none@bearing'
     """
     made = made_system(system, "system")
-    return Mechanism(made, law_named(friction, "friction"), tuple(effects))  # type: ignore[arg-type]
+    own = tuple(effects) if isinstance(effects, Iterable) and not isinstance(effects, str) else (None,)
+    if not all(isinstance(effect, str | Effect) for effect in own):
+        raise UserError("not a list of effects", where="effects", received=repr(effects), allowed="such as ['drag']")
+    return Mechanism(made, law_named(friction, "friction"), own)  # type: ignore[arg-type]
 
 
 def _first_sentence(kind: type) -> str:

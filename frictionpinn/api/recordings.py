@@ -20,6 +20,7 @@ from ..show import Shown, Table, readable_unit
 from ..workflow.build import build_recording
 from ..workflow.configs import CONF
 from ..workflow.vet import assumptions, findings_of, in_words
+from .arguments import mechanism_given, number_given, recording_given, table_given
 from .models import made_system
 
 Paths = str | os.PathLike | Iterable[str | os.PathLike]
@@ -51,7 +52,7 @@ def read(path: Paths, system: System | str, **options: Any) -> Recording:
             raise UserError("unknown option", where="read", received=key, allowed=", ".join(cfg),
                             fix=nearest(key, cfg) or "use one of the allowed names")  # fmt: skip
     paths = [path] if isinstance(path, str | os.PathLike) else path
-    if not isinstance(paths, list | tuple) or not all(isinstance(item, str | os.PathLike) for item in paths):
+    if not isinstance(paths, list | tuple) or not paths or not all(isinstance(x, str | os.PathLike) for x in paths):
         raise UserError("not a file", where="read", received=type(path).__name__, allowed="a path, or a list of paths",
                         fix="write a table to a file first, table.to_csv(...)")  # fmt: skip
     where = {"path": [os.fspath(item) for item in paths]}
@@ -99,10 +100,11 @@ def simulate(
           v       m/s   -0.3374   0.3374
           a       m/s²  -4.254    2.876
     """
-    values = by_parameter(truth, mechanism.law)
+    mechanism = mechanism_given(mechanism)
+    values = by_parameter(table_given(truth, "truth"), mechanism.law)
     check_truth(mechanism, values)
-    clean = simulate_trials(mechanism, values, trials, float(rate_hz))
-    return (noise if isinstance(noise, Noise) else GaussianNoise(float(noise)))(clean, seed)
+    clean = simulate_trials(mechanism, values, trials, number_given(rate_hz, "rate_hz", least=0.0))
+    return (noise if isinstance(noise, Noise) else GaussianNoise(number_given(noise, "noise")))(clean, seed)
 
 
 @dataclass(frozen=True, repr=False)
@@ -164,5 +166,5 @@ def check(recording: Recording, system: System | str) -> Check:
         >>> fp.check(log, drive).ok
         True
     """
-    made = made_system(system, "check")
+    made, recording = made_system(system, "check"), recording_given(recording)
     return Check(recording, made, tuple(in_words(finding) for finding in findings_of(made, recording)))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..data.recording import Recording
-from ..errors import Interrupted, UserError
+from ..errors import Interrupted, UserError, unwritable
 from ..physics import extensions
 from ..physics.mechanism import Mechanism
 from ..progress import clock
@@ -21,6 +21,7 @@ from ..workflow.configs import CONF, Configs, quote, with_extensions, written
 from ..workflow.contact_options import options_of
 from ..workflow.options import composed
 from ..workflow.train import train as run_training
+from .arguments import mechanism_given, names_given, recording_given
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -139,13 +140,17 @@ def train(
     """
     extensions.load(options.get("extensions", ()))
     overrides = [f"model={model}", *_overrides(options)]
-    if mechanism is not None:
-        overrides = [*_declared(mechanism), *overrides]
+    if mechanism is not None or recording is not None:
+        overrides = [*_declared(mechanism_given(mechanism)), *overrides]
     if recording is not None:
+        recording = recording_given(recording)
         overrides = ["data=csv", "data.path=recording", f"data.check={check}", *overrides]
     cfg = with_extensions(composed("train", overrides, config_dir))
-    folder = Path(folder) if folder is not None else _new_folder(overrides, config_dir)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = _folder(folder) if folder is not None else _new_folder(overrides, config_dir)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(error, folder, "name another folder") from error
     if recording is not None:  # the run's evaluations read it again
         cfg["data"]["path"] = str(recording.save(folder / "recording.parquet").absolute())
     try:
@@ -207,12 +212,14 @@ def export(run: Run | str | Path, form: str | Iterable[str] = "c") -> dict[str, 
         >>> sorted(path.name for path in fp.export(run, "c")["c"].iterdir())
         ['export.json', 'friction.c', 'friction.h', 'simulate.c']
     """
-    forms = [form] if isinstance(form, str) else list(form)
+    forms = [form] if isinstance(form, str) else names_given(form, "form")
     handing_on.export(composed("evaluate", [f"run={quote(_folder(run))}", f"export={written(forms)}"]))
     return {name: _folder(run) / "export" / name for name in forms}
 
 
 def _folder(run: Run | str | Path) -> Path:
+    if not isinstance(run, Run | str | Path):
+        raise UserError("no run", where="run", received=repr(run), allowed="what fp.train returns, or its folder")
     return run.folder if isinstance(run, Run) else Path(run)
 
 

@@ -36,9 +36,13 @@ def build_compensator(
         if not isinstance(config[key], Mapping):
             raise UserError("no table by parameter", where=f"control.{key}", received=config[key],
                             allowed="a number by parameter, such as {mu_c: 0.1}")  # fmt: skip
-    level, values, own = dry_friction(mechanism, parameters), dict(parameters), mechanism
+    level, own = dry_friction(mechanism, parameters), mechanism
+    values = {name: value for name, value in (mechanism.system.values | dict(parameters)).items() if value is not None}
+    if not level > 0:
+        raise UserError("no dry friction", where="parameters", received=f"{level:g} {mechanism.system.force_unit}",
+                        allowed="above 0: it is the unit of limit and disturbance")  # fmt: skip
     if config["friction"] == NOTHING:
-        own, values = Mechanism(mechanism.system, LAWS["coulomb"]()), dict(parameters) | {"mu_c": 0.0}
+        own, values = Mechanism(mechanism.system, LAWS["coulomb"]()), values | {"mu_c": 0.0}
     elif config["friction"] is not None:
         own = Mechanism(mechanism.system, choose(config["friction"], LAWS, "control.friction")())
     names = {par.name: par for par in own.parameters}

@@ -73,7 +73,7 @@ def simulate_trials(
     if not rate_hz > 0:
         raise UserError("impossible sampling rate", where="data.rate_hz", received=rate_hz, allowed="above 0 Hz")
     simulator, system = Simulator(mechanism), mechanism.system
-    if not trials or not all(isinstance(trial, Mapping) for trial in trials):
+    if not isinstance(trials, Sequence) or not trials or not all(isinstance(trial, Mapping) for trial in trials):
         allowed = "a list of tables such as [{duration: 2.0, theta: 'sin(t)'}]"
         raise UserError("no trials to simulate", where="data.trials", received=trials, allowed=allowed)
     result: list[Trial] = []

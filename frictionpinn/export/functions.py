@@ -28,6 +28,12 @@ ACTIVATIONS: dict[str, tuple[sp.Expr, sp.Expr]] = {
 
 
 class _C(C99CodePrinter):
+    def __init__(self) -> None:
+        super().__init__({"math_macros": {}})  # M_PI and its like are none of C99
+
+    def _print_NumberSymbol(self, expr: sp.Expr) -> str:
+        return self._print(expr.evalf(17))
+
     def _print_Heaviside(self, expr: sp.Expr) -> str:
         return f"(({self._print(expr.args[0])}) > 0.0 ? 1.0 : 0.0)"
 

@@ -26,6 +26,7 @@ SHARES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)  # of the typical acceleration: what t
 MOST = 2400  # samples of all training trials together on which the share is chosen
 INEXACT = 1e-3  # of the force: the least standard deviation told, for what integrator and law leave out
 RTOL, ATOL = 1e-4, 1e-5  # of the integrator; relative, and absolute of velocities
+RESTARTED = "restarted"  # after a gap; of every sample where the times are in another unit than they were tuned in
 STATUS = {0: "ok", 1: "no solution", 2: "contact lost", 3: "no solution"}  # by the integrator's codes
 
 
@@ -249,7 +250,7 @@ class OnlineEstimator:
             self._equations, self._X, self._P, y, self._R, self._rows, float(t)
         )
         reach = NORMAL_95 * np.sqrt(variances + (INEXACT * forces) ** 2)
-        told = STATUS[status]
+        told = STATUS[status] if last is None or t - last <= LONGEST * self.tuning.interval else RESTARTED
         if not self._consistency.add(self._time, square, freedom) and told == "ok":
             told = "inconsistent"
         force, low, high = (
@@ -259,6 +260,9 @@ class OnlineEstimator:
 
     def _sample(self, signals: Mapping[str, float]) -> np.ndarray:
         y = np.full(len(self.signals), np.nan)
+        if not isinstance(signals, Mapping):
+            raise UserError("no table of signals", where="update", received=repr(signals),
+                            allowed="numbers by name, {'v': 0.1}")  # fmt: skip
         for name, value in signals.items():
             if name not in self.signals:
                 raise UserError(

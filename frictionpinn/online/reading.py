@@ -14,7 +14,8 @@ class Reading(NamedTuple):
         t: time, s.
         force: in the unit of force of its contact.
         low, high: 95 % interval.
-        status: "ok", "contact lost" (a normal force is not positive), "no solution", or "inconsistent": over the last
+        status: "ok", "contact lost" (a normal force is not positive), "no solution", "restarted" (after a gap of
+            twenty usual intervals nothing is left of what was known), or "inconsistent": over the last
             fifth of a second the samples are further from what the filter expected than its interval allows, see
             :class:`.consistency.Consistency`. Parameters or noise levels are wrong, a sensor failed, the surface
             changed: neither force nor interval can be relied on.

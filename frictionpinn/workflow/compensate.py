@@ -83,6 +83,7 @@ def compensate(cfg: Config, folder: Path) -> dict[str, Any]:
     result = {
         "verdict": verdict,
         "mechanism": mechanism.name,
+        "compensated": None if helper is None else helper.mechanism.name,
         "parameters": values,
         "control": cfg["control"]["name"],
         "unit": declared.free[0].units[0],
@@ -130,6 +131,9 @@ def _plant(cfg: Config, declared: Mechanism) -> Plant:
     machine, simulate = cfg["machine"], cfg["system"]["simulate"]
     law = choose(simulate["friction"], LAWS, "system.simulate.friction")
     tables = machine["effects"] or {}
+    if not isinstance(tables, Mapping):
+        raise UserError("no table of effects", where="machine.effects", received=tables,
+                        allowed="values by effect, {asymmetry: {asymmetry: 0.1}}")  # fmt: skip
     effects: tuple[str | Effect, ...] = tuple(tables)
     true = Mechanism(declared.system, law(), effects)  # type: ignore[arg-type]
     truth = dict(simulate["truth"]) | {k: v for table in tables.values() for k, v in (table or {}).items()}
@@ -211,7 +215,8 @@ def _told(value: float, unit: str) -> str:
 
 
 def _lower(row: Mapping[str, float]) -> str:
-    return f"{100 * (1 - row['after'] / row['before']):.1f} % lower"
+    share = 100 * (1 - row["after"] / row["before"])
+    return f"{abs(share):.1f} % {'lower' if share >= 0 else 'higher'}"
 
 
 def _page(result: Mapping[str, Any], runs: list[tuple[str, Loop, Loop]], plant: Plant) -> str:
@@ -234,26 +239,27 @@ def _page(result: Mapping[str, Any], runs: list[tuple[str, Loop, Loop]], plant: 
         f"{known}</table></div>"
     )
     told = (
-        f"<p>Diagnosis of the recording with the PID alone: {html.escape(result['verdict'])}; compensated with "
-        f"{html.escape(result['mechanism'])}. Rms tracking error, the first third of each motion left out.</p>"
+        f"<p>Diagnosis of the recording with the PID alone: {html.escape(result['verdict'])}; identified "
+        f"{html.escape(result['mechanism'])}, compensated {html.escape(result['compensated'] or 'nothing')}. "
+        "Rms tracking error, the first third of each motion left out.</p>"
     )
     name, before, after = max(runs, key=lambda run: _rms(run[1]))
     caption = f"{name}: tracking error, and the torque that was added beside the true friction."
-    drawn = picture(png(_figure(before, after, unit, plant.mechanism.system.force_unit)), caption)
+    title = f"Compensation: rms tracking error of {name} {_lower(result['motions'][name])}"
+    drawn = picture(png(_figure(before, after, unit, plant.mechanism.system.force_unit, title)), caption)
     return page("Friction compensation, before and after", told + table + drawn + f"<h2>Parameters</h2>{values}")
 
 
-def _figure(before: Loop, after: Loop, unit: str, force: str) -> Figure:
+def _figure(before: Loop, after: Loop, unit: str, force: str, title: str) -> Figure:
     figure = Figure(figsize=(10, 5), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True)
     top.plot(before.t, 1e6 * before.error, color=INK["baseline"], lw=1.0, label="PID alone")
     top.plot(after.t, 1e6 * after.error, color=INK["model"], lw=1.0, label="compensated")
     bottom.plot(after.t, after.friction, color=INK["reference"], lw=1.3, label="true friction")
-    bottom.plot(after.t, after.added, color=INK["model"], lw=0.9, label="added, with its 95 % interval")
+    known = "added, with its 95 % interval" if (after.high > after.low).any() else "added"
+    bottom.plot(after.t, after.added, color=INK["model"], lw=0.9, label=known)
     bottom.fill_between(after.t, after.low, after.high, color=INK["model"], alpha=0.2, lw=0)
-    top.set(
-        ylabel=f"tracking error (µ{readable_unit(unit)})", title="Compensation takes the error of the reversals away"
-    )
+    top.set(ylabel=f"tracking error (µ{readable_unit(unit)})", title=title)
     bottom.set(xlabel="time (s)", ylabel=f"friction ({readable_unit(force)})")
     for axis in (top, bottom):
         low, high = axis.get_ylim()

@@ -18,6 +18,7 @@ from ..diagnose.select import Settings
 from ..diagnose.verdict import FOUND, NO_VERDICT, PARTLY, UNEXPLAINED
 from ..errors import UserError, choose
 from ..export.augmented import save_augmented
+from ..physics import System
 from ..physics.effects import EFFECTS
 from ..physics.mechanism import Mechanism
 from ..physics.notation import equations, in_latex, in_mathml
@@ -84,9 +85,10 @@ def examine(cfg: Config, mechanism: Mechanism, recording: Recording) -> Diagnosi
         UserError: anything that the user can mend.
     """
     options = checked(cfg)
-    recording = chosen_signals(recording, options["signals"])
+    recording = chosen_signals(recording, options["signals"], mechanism.system)
     fitted, held_out = split(recording, cfg["data"])
-    log.info(f"diagnosing {mechanism.name} on {recording.source}: fitted to {', '.join(fitted.names)}; held out: "
+    of = f" on {recording.source}" if recording.source else ""
+    log.info(f"diagnosing {mechanism.name}{of}: fitted to {', '.join(fitted.names)}; held out: "
              f"{', '.join(held_out.names) or 'none'}")  # fmt: skip
     settings = Settings(
         float(options["log10_p"]), int(options["most"]), worth=float(options["worth"]), samples=int(options["samples"])
@@ -263,14 +265,18 @@ def split(recording: Recording, data: Config) -> tuple[Recording, Recording]:
     return recording.select(splits["train"]), recording.select(splits["held_out"])
 
 
-def chosen_signals(recording: Recording, names: list[str] | None) -> Recording:
-    """The recording with these signals alone: those that were derived from others carry no news of their own."""
+def chosen_signals(recording: Recording, names: list[str] | None, system: System) -> Recording:
+    """The recording with these signals of the motion alone: those that were derived from others carry no news of their
+    own. Forces stay: they move the model."""
     if names is None:
         return recording
+    if not isinstance(names, list):
+        raise UserError("not a list of signals", where="diagnose.signals", received=repr(names), allowed=f"[{names}]")
     present = recording.trials[0].signals
     for name in names:
         choose(name, dict.fromkeys(present), "diagnose.signals")
-    trials = [replace(t, signals={n: y for n, y in t.signals.items() if n in names}) for t in recording.trials]
+    kept = {*names, *(item.name for item in system.inputs)}
+    trials = [replace(t, signals={n: y for n, y in t.signals.items() if n in kept}) for t in recording.trials]
     return replace(recording, trials=tuple(trials))
 
 

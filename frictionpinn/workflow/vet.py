@@ -38,14 +38,6 @@ def admit(system: System, recording: Recording, check: str = "refuse", free: Col
         UserError: a finding by which no answer would have a sense, unless ``check`` is "warn".
     """
     refuse = choose(check, {"refuse": True, "warn": False}, "data.check")
-    if not isinstance(recording, Recording):
-        raise UserError(
-            "not a recording",
-            where="recording",
-            received=repr(recording)[:60],
-            allowed="what read() or simulate() returns",
-            fix="read the file first, fp.read(path, system)",
-        )
     for line in assumptions(system, recording, free):
         log.info(line)
     findings = findings_of(system, recording, free)

@@ -39,6 +39,11 @@ def test_what_the_controller_does_not_know_is_added_too(model):
     assert np.diff(torques) == pytest.approx([4.0], rel=1e-3)
 
 
+def test_the_inertia_of_the_axis_adapts_as_the_command_has_it(model):
+    assert fp.compensate(model, VALUES, adapt={"M": 0.01}, spread={"M": 0.3}).adapt == {"M": 0.01}
+    assert "M" in fp.compensate(model, VALUES).adapt
+
+
 def test_a_folder_receives_the_c_code(model, tmp_path):
     fp.compensate(model, VALUES, folder=tmp_path / "controller")
     assert sorted(path.name for path in (tmp_path / "controller").iterdir()) == ["compensator.c", "compensator.h"]
@@ -66,6 +71,10 @@ def test_a_folder_receives_the_c_code(model, tmp_path):
         (lambda m: fp.compensate("drive", VALUES), "no mechanism"),
         (lambda m: fp.compensate(m, VALUES).update((0.0, 0.0, 0.0), None, 0.0), "no reading"),
         (lambda m: fp.compensate(m, VALUES, limit=-1.0), "limit"),
+        (lambda m: fp.compensate(m, VALUES, limit="a"), "not a number: limit is 'a'"),
+        (lambda m: fp.compensate(m, VALUES, known=3), "no table: known is 3"),
+        (lambda m: fp.compensate(m, VALUES, folder=3), "no folder"),
+        (lambda m: fp.compensate(m, VALUES | {"mu_c": 0.0}), "no dry friction: parameters is 0 N"),
         (lambda m: fp.compensate(fp.mechanism("pob", "lugre"), {}), "drive, joint, pendulum"),
         (lambda m: fp.compensate(m, VALUES, control="stribeck"), "mu_s, v_s were not"),
     ],

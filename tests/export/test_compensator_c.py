@@ -50,9 +50,23 @@ def rows(scale: float) -> np.ndarray:
         ("drive", "lugre", (), LUGRE, ADAPTS),
         ("drive", "lugre", (), LUGRE, {"delay": 2e-3}),
         ("joint", "lugre", ("asymmetry", "dwell"), LUGRE | {"W_cos": 2.0, "asymmetry": 0.1, "dwell": 0.2}, ADAPTS),
+        (
+            "drive",
+            "coulomb_viscous",
+            ("ripple",),
+            {"mu_c": 3.0, "sigma_2": 2.0, "ripple_sin": 0.5, "ripple_cos": 0.2, "ripple_wavelength": 2e-3},
+            {"disturbance": 20.0},
+        ),
         ("drive", "coulomb_viscous", ("drift",), {"mu_c": 3.0, "sigma_2": 2.0, "drift": 0.01}, {"disturbance": 20.0}),
     ],
-    ids=["learns the stroke", "estimator", "feed-forward", "joint with effects", "law without memory, with a clock"],
+    ids=[
+        "learns the stroke",
+        "estimator",
+        "feed-forward",
+        "joint with effects",
+        "pi",
+        "law without memory, with a clock",
+    ],
 )
 def test_c_gives_the_torque_and_the_interval_of_python(tmp_path: Path, system, law, effects, values, options):
     check(tmp_path, Compensator(Mechanism(SYSTEMS[system](), LAWS[law](), effects), values, **options))

@@ -113,7 +113,15 @@ def test_a_long_gap_starts_anew():
     sample = {name: trial.signals[name][0] for name in estimator.signals}
     first = estimator.update(0.0, sample)
     estimator.update(0.0025, sample)
-    assert estimator.update(10.0, sample)._replace(t=0.0) == first
+    again = estimator.update(10.0, sample)
+    assert again.status == "restarted" and again._replace(t=0.0, status="ok") == first
+    assert estimator.update(10.0025, sample).status == "ok"
+
+
+@pytest.mark.parametrize("given", [None, 3, [1.0], "x"])
+def test_a_sample_that_is_no_table_is_refused(given):
+    with pytest.raises(UserError, match="no table of signals: update is"):
+        fitted("pob").update(99.0, given)
 
 
 def test_loss_of_contact_is_told_and_survived():

@@ -76,7 +76,7 @@ def test_what_is_no_recording_or_no_list_is_told_in_a_line(drive):
 
     with pytest.raises(UserError, match=r"not a recording: recording is 'run\.csv'"):
         fp.fit(drive[0], "run.csv")
-    with pytest.raises(UserError, match=r"not a list of parameters: free is 'mu_c'; allowed: \['mu_c'\]"):
+    with pytest.raises(UserError, match=r"not a list of names: free is 'mu_c'; allowed: \['mu_c'\]"):
         fp.fit(*drive, free="mu_c")
 
 
