@@ -37,12 +37,12 @@ from wide_report import report
 from frictionpinn.data.recording import Recording
 from frictionpinn.errors import UserError
 from frictionpinn.identify import Problem, bound, maximum_likelihood
-from frictionpinn.identify.result import plain
 from frictionpinn.identify.trial import TrialModel
 from frictionpinn.numerics.descent import levenberg_marquardt
 from frictionpinn.numerics.simulate import ContactLost, SimulationFailed
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
+from frictionpinn.show import plain
 from frictionpinn.workflow.provenance import commit
 
 __all__ = ["RESULTS", "Case", "cost_from_truth", "declared", "diagnose", "draw", "identify", "least_errors"]

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from reference import SHORT, latex, quoted, table
 
 from frictionpinn.data.recording import Recording
-from frictionpinn.evaluate.style import INK, readable
+from frictionpinn.evaluate.style import INK
 from frictionpinn.physics import EFFECTS, Effect
 from frictionpinn.physics.base import CONTACT, SESSION, TIME, TRIAL
 from frictionpinn.physics.friction import CONTACT_LAWS
@@ -135,7 +135,7 @@ def strength_of(bed: Bed, mechanism: Mechanism, values: Mapping[str, float], nam
 
 def figure(shown: Shown) -> Figure:
     """What the declared model leaves, over time and over the variable that tells most of it."""
-    name, unit = shown.bed.shown, readable(shown.recording.units[shown.bed.shown])
+    name, unit = shown.bed.shown, readable_unit(shown.recording.units[shown.bed.shown])
     drawn = Figure(figsize=(9, 3.1), layout="constrained")
     left, right = drawn.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     offset, ends = 0.0, []
@@ -184,7 +184,7 @@ def telling(shown: Shown) -> tuple[str, np.ndarray, np.ndarray]:
     names = {"x": "position", "theta": "angle", "a": "acceleration", "alpha": "angular acceleration", "y": "height"}
     for signal in trials[0].signals:
         if signal not in (shown.bed.shown, "v", "omega"):
-            variables[f"{names.get(signal, signal)} ({readable(shown.recording.units[signal])})"] = joined(signal)
+            variables[f"{names.get(signal, signal)} ({readable_unit(shown.recording.units[signal])})"] = joined(signal)
     variables["time of the session (s)"] = np.concatenate(sessions)
     forwards = joined("v_slip") > 0
     told = {label: explained(x, y, forwards) for label, x in variables.items()}

@@ -1,4 +1,4 @@
-"""What smoothing leaves of the measurement noise in the inputs of a simulation, found by smoothing once more."""
+"""What is wrong in the inputs of a simulation: what smoothing leaves, found by smoothing again, and noise of forces."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ def input_noise(
     """Errors of the frictionless acceleration and the slip velocity that smoothing leaves, at a system's only contact.
 
     The smoothed trials, with as much white noise as was smoothed away, are smoothed again: what comes out differs from
-    what went in as the smoothed signals differ from the true ones.
+    what went in as the smoothed signals differ from the true ones. Forces are not smoothed: theirs is the noise that
+    their differences show.
 
     Args:
         recording: as measured.
@@ -41,8 +42,8 @@ def input_noise(
         positions: whether a simulation is compared with the slip position.
 
     Returns:
-        ``input_error``: root mean square error of a_frictionless far from a trial's ends, 0 where no measured motion is
-        among what moves the contact; ``input_ends``: near them as multiples of it (:func:`ends`); ``start_error``: of
+        ``input_error``: root mean square error of a_frictionless far from a trial's ends, 0 where nothing that moves
+        the contact was measured; ``input_ends``: near them as multiples of it (:func:`ends`); ``start_error``: of
         v_slip; ``first_error``: at first samples; ``start_time``: that of the slip position over that of v_slip, s, as
         in the motion, 0 where a_frictionless does not depend on it and it is not compared; ``slip_noise``,
         ``force_noise``: of v_slip and friction_force as measured, where no velocity was measured ``start_error``;
@@ -67,9 +68,9 @@ def input_noise(
         clean = CLEAN * speed
         found |= {"slip_noise": clean, "start_error": clean, "first_error": clean, "assumed": 1.0}
         return UNTOLD | found | {"position_noise": clean * found["start_time"] if positions else 0.0}
-    acting = system.friction_implied.free_symbols
-    forces = [item.name for item in system.inputs if item.symbol in acting and item.name in trials[0].measured]
-    given = {name: difference_sigma([(trial.t, trial.measured[name]) for trial in trials]) for name in forces}
+    acting = [item.name for item in system.inputs if item.symbol in system.friction_implied.free_symbols]
+    given = {name: difference_sigma([(trial.t, trial.measured[name]) for trial in trials])
+             for name in acting if all(name in trial.measured for trial in trials)}  # fmt: skip
     found["force_noise"] = float(np.hypot(found["force_noise"], _carried(system, trials, given, rng)))
     sigmas |= given
     own = [recording.select([trial.name]).trials[0] for trial in trials]
@@ -86,7 +87,7 @@ def input_noise(
     first = _rms(np.array([slip[0] for slip in slips]))
     found |= {"start_error": _rms(np.concatenate(slips)), "first_error": first}
     found["slip_noise"] = found["slip_noise"] or found["start_error"]
-    if not np.concatenate(errors).any():  # a drive's force, which is no motion, is all that moves it
+    if not np.concatenate(errors).any():  # nothing that was measured moves it
         return UNTOLD | found
     profile, size = ends(errors)
     kernel, every = shape([error[len(profile) : len(error) - len(profile)] for error in errors])
