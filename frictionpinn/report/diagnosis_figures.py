@@ -110,7 +110,7 @@ def dependence_figure(d: Diagnosis) -> Figure:
 
 def _evidence(names: Sequence[str], rows: Sequence[dict[str, Any]], threshold: float, title: str) -> Figure:
     """Bars of -log10 of the chance to see as much by luck, with the threshold from which it counts."""
-    rows = [{**row, "width": np.maximum(row["width"], 0.1)} for row in rows]  # a logarithmic axis has no 0
+    rows = [{**row, "width": np.maximum(row["width"], 0.13)} for row in rows]  # a logarithmic axis has no 0: a stub
     figure, axes, _ = _bars(names, rows)
     axes.axvline(threshold, color=INK["reference"], lw=1, ls="--")
     axes.set(title=title, xlabel="evidence, -log10 of the chance (dashed: threshold)", xscale="log",
