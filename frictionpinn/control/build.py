@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..errors import UserError, choose
+from ..errors import UserError, choose, nearest
 from ..physics import LAWS
 from ..physics.mechanism import Mechanism
 from .compensator import Compensator, check_axis, dry_friction
 
 NOTHING = "none"
+OPTIONS = ("name", "friction", "transition", "adapt", "spread", "disturbance", "bandwidth", "limit", "gain", "uneven",
+           "cells")  # fmt: skip
 
 
 def build_compensator(
@@ -32,6 +34,10 @@ def build_compensator(
     if config["name"] == NOTHING:
         return None
     check_axis(mechanism)
+    for key in config:
+        if key not in OPTIONS:
+            raise UserError("unknown key", where="control", received=key, allowed=", ".join(OPTIONS),
+                            fix=nearest(key, OPTIONS))  # fmt: skip
     for key in ("adapt", "spread"):
         if not isinstance(config[key], Mapping):
             raise UserError("no table by parameter", where=f"control.{key}", received=config[key],

@@ -46,6 +46,7 @@ def test_an_axis_is_identified_and_tracks_better_and_the_compensator_is_there_as
         ("follow.duration=0", "follow.duration is 0; allowed: 0.4 s"),
         ("record.duration=0.5", "record.duration is 0.5; allowed: 0.75 s"),
         ("control.gain=-1", "gain is -1"),
+        ("+control.gian=1", "unknown key: control is gian"),
         ("control.spread.mu_c=-0.1", "spread.mu_c is -0.1"),
         ("control.limit=-1", "limit is -1"),
         ("record.trials=[]", "record.trials is []"),
