@@ -18,7 +18,7 @@ from frictionpinn.diagnose.candidates import candidates, scales
 from frictionpinn.diagnose.fit import Fit
 from frictionpinn.diagnose.select import Settings, select
 from frictionpinn.numerics import descent
-from frictionpinn.numerics.quadratic import State
+from frictionpinn.numerics.quadratic import Piece, State
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
 from frictionpinn.physics.contacts import law_named
 from frictionpinn.physics.effects import effects_for
@@ -46,7 +46,7 @@ def pushed() -> Bench:
 
 def leaving(*series: dict[str, np.ndarray], span: float = 0.5) -> Fit:
     """A fit with these residuals of each trial."""
-    state = SimpleNamespace(pieces=[SimpleNamespace(residuals=r) for r in series])
+    state = State(np.zeros(0), (), tuple(Piece(0.0, r) for r in series))
     models = tuple(SimpleNamespace(outputs=tuple(r), t=0.01 * np.arange(800)) for r in series)
     return Fit((), {}, models, state, {}, span=span)
 
