@@ -42,7 +42,7 @@ def rows(result: Mapping[str, Any]) -> Iterator[list[str]]:
     """Cells of the table, the heading first: median [lowest, highest] over the seeds; the truth last."""
     names = [name for name in result["units"] if name != "force_mse"]
     units = [readable_unit(result["units"][name]) for name in names]
-    heads = [name if unit == "1" else f"{name} ({unit})" for name, unit in zip(names, units, strict=True)]
+    heads = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
     force = readable_unit(result["units"]["force_mse"])
     yield [
         "estimator",
