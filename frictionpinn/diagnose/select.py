@@ -255,13 +255,16 @@ def _drop(
     dropped, anew = list[Refused](), False
     for a in list(selection.accepted):
         left = [b for b in selection.accepted if b.candidate is not a.candidate]
-        found = _without(bench, selection.fit, a.candidate, {name for b in left for name in b.names})
-        if found is None or len(left) == len(selection.accepted):
+        if len(left) == len(selection.accepted):  # exchanged for another meanwhile
             continue
-        tried, loss = replace(selection, accepted=left, fit=found), found.state.cost - selection.fit.state.cost
+        found = _without(bench, selection.fit, a.candidate, {name for b in left for name in b.names})
+        if found is None:
+            continue
+        last, loss = selection.accepted[-1].candidate, found.state.cost - selection.fit.state.cost
+        tried = replace(selection, accepted=left, fit=found)
         if loss < needed(a.tested, settings):
             why = f"not needed in the end ({loss:+.3g} in log-likelihood without it)"
-        elif a is not selection.accepted[-1] and (why := impossible(bench, a.candidate, selection.fit.values)):
+        elif a.candidate is not last and (why := impossible(bench, a.candidate, selection.fit.values)):
             _judged_anew(bench, options, tried, settings, gone=True)
             if tried.fit.cost > before.cost - settings.told_apart:
                 continue
