@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -69,10 +69,8 @@ def input_noise(
         found |= {"slip_noise": clean, "start_error": clean, "first_error": clean, "assumed": 1.0}
         return UNTOLD | found | {"position_noise": clean * found["start_time"] if positions else 0.0}
     acting = [item.name for item in system.inputs if item.symbol in system.friction_implied.free_symbols]
-    given = {name: difference_sigma([(trial.t, trial.measured[name]) for trial in trials])
-             for name in acting if all(name in trial.measured for trial in trials)}  # fmt: skip
-    found["force_noise"] = float(np.hypot(found["force_noise"], _carried(system, trials, given, rng)))
-    sigmas |= given
+    sigmas |= {name: difference_sigma([(trial.t, trial.measured[name]) for trial in trials])
+               for name in acting if all(name in trial.measured for trial in trials)}  # fmt: skip
     own = [recording.select([trial.name]).trials[0] for trial in trials]
     for _ in range(DRAWS):
         for trial, recorded in zip(trials, own, strict=True):
@@ -94,18 +92,6 @@ def input_noise(
     found["input_error"] = size
     step = every * float(np.median(np.diff(trials[0].t)))
     return UNTOLD | found | {"input_shape": kernel.tolist(), "input_step": step, "input_ends": profile.tolist()}
-
-
-def _carried(
-    system: System, trials: Sequence[ContactTrial], sigmas: Mapping[str, float], rng: np.random.Generator
-) -> float:
-    """Noise that forces bring into the implied friction force: they are inputs of the balance, as measured."""
-    off = []
-    for trial in trials:
-        noise = {name: sigma * rng.standard_normal(len(trial.t)) for name, sigma in sigmas.items()}
-        noisy = trial.smoothed | {name: trial.smoothed[name] + own for name, own in noise.items()}
-        off.append(contact_signals(system, noisy)["friction_force"] - trial.offline["friction_force"])
-    return _size(np.concatenate(off))
 
 
 def ends(errors: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
