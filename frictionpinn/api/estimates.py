@@ -15,6 +15,7 @@ from ..identify.problem import Problem
 from ..identify.result import Estimate
 from ..online.estimator import OnlineEstimator
 from ..physics import extensions
+from ..physics.contacts import by_parameter
 from ..physics.mechanism import Mechanism
 from ..progress import clock
 from ..workflow.configs import written
@@ -178,7 +179,7 @@ def diagnose(
     cfg["system"] = {"name": system.name, "equations": system.equations, "driven": list(system.driven),
                      "parameters": dict(system.values)}  # fmt: skip
     given = {"start": table_given(start, "start"), "fixed": table_given(fixed, "fixed")}
-    mechanism.check_values(given["start"], "start")
+    mechanism.check_values(by_parameter(given["start"], mechanism.law), "start")
     cfg["friction"] = {"name": mechanism.law.name, "bounds": bounds_given(bounds, "bounds"), **given}
     with clock():
         return examine(cfg, mechanism, recording)

@@ -76,3 +76,13 @@ def test_a_value_of_the_wrong_kind_is_told_in_one_line(model, log, workdir, call
 def test_signals_that_are_compared_leave_the_force_that_moves_the_model(model, log):
     found = fp.diagnose(model, log, signals=["x", "v"], effects=["drag"])
     assert found.verdict == "nothing missing" and found.values["mu_c"] == pytest.approx(3.0, rel=0.02)
+
+
+def test_start_values_are_given_by_contact_too(monkeypatch):
+    cart = fp.mechanism("cartpole", "coulomb_viscous")
+    values = {"rail": {"mu_c": 0.1, "sigma_2": 0.5}, "bearing": {"mu_c": 0.05, "sigma_2": 0.01}}
+    log = fp.simulate(cart, values, [{"duration": 1.0, "force": "3*sin(9*t)"}] * 2, rate_hz=200, noise=0.01)
+    monkeypatch.setattr("frictionpinn.api.estimates.examine", lambda cfg, mechanism, recording: cfg["friction"])
+    assert fp.diagnose(cart, log, start=values, check="warn")["start"] == values
+    with pytest.raises(fp.UserError, match=r"rail\.mu_d"):
+        fp.diagnose(cart, log, start={"rail": {"mu_d": 0.1}}, check="warn")

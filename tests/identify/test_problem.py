@@ -148,6 +148,14 @@ def test_a_trial_may_begin_with_a_sample_that_was_not_measured(signal):
     assert max(deviations(found, truth).values()) < 4
 
 
+def test_a_trial_whose_first_velocity_was_not_measured_does_not_begin_at_rest():
+    mechanism, _, _, noisy, _ = case("drive", "coulomb_viscous", (0, 1))
+    moving = noisy.trials[0].part(slice(60, None), "moving")  # 0.3 s after its start from rest
+    gap = np.where(np.arange(len(moving)) < 1, np.nan, moving.signals["v"])
+    problem = Problem(mechanism, replace(noisy, trials=(replace(moving, signals=moving.signals | {"v": gap}),)))
+    assert problem.trials[0].start["v"] == pytest.approx(np.mean(moving.signals["v"][:5]), rel=0.2)
+
+
 def test_a_place_that_is_looked_for_nowhere_but_at_one_value_keeps_its_physical_limits():
     mechanism, _, _, noisy, _ = case("drive", "coulomb_viscous", (0, 1))
     system, law = mechanism.system, mechanism.law
