@@ -70,6 +70,20 @@ def make(data: TrajectoryData) -> Callable[..., FrictionModel]:
 
 
 @pytest.fixture
+def started(make):
+    """A variant with a state."""
+    return lambda name, **changes: make(name, memory="state", **changes)
+
+
+@pytest.fixture
+def stateful(started, monkeypatch):
+    """The same without the search for a start, which takes seconds."""
+    monkeypatch.setattr("frictionpinn.models.state.find_start", lambda model, batch: None)
+    monkeypatch.setattr("frictionpinn.models.black_box_start.start_as_law", lambda model, batch: None)
+    return started
+
+
+@pytest.fixture
 def batch(data: TrajectoryData) -> Callable[[FrictionModel], dict[str, torch.Tensor]]:
     """The full training batch of a model."""
 
