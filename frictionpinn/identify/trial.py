@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..numerics.gram import combined, gram
+from ..numerics.gram import gram
 from ..numerics.jumps import BESIDE, Jump, jumps_at_rest
 from ..numerics.loss import Loss
 from ..numerics.motion import Motion
@@ -103,7 +103,7 @@ class TrialModel:
             return self.base
         coefficients, joint = self.base.coefficients.copy(), len(local) > len(self.states)
         for item, values in zip(self.inputs, self.coefficients(local), strict=True):
-            coefficients[:, list(item.columns)] = combined(values, item.basis.pieces)
+            coefficients[:, list(item.columns)] = item.basis.path(values)
         path = self.base.through(coefficients)
         return self.simulator.imposed(path, p, self.sensed) if joint else path
 

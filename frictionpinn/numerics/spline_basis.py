@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 
-from .gram import gram
+from .gram import combined, gram
 from .paths import DEGREE
 from .smoothing import Coordinate, Smoothed, SmoothingSpline, difference_sigma
 
@@ -69,6 +69,10 @@ class PathBasis:
             for m in range(DEGREE + 1 - k):
                 result[:, :, k, m] = powers[m + k].T / math.factorial(m)
         return result
+
+    def path(self, coefficients: np.ndarray) -> np.ndarray:
+        """Polynomial coefficients between the samples of the spline with these, shape (n - 1, orders, 6)."""
+        return combined(coefficients, self.pieces, np.array(self.breaks, np.int64))
 
     def fit(self, y: np.ndarray, sigmas: np.ndarray, beside: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Weighted least squares on y, shape (orders, n), NaN where missing; sigmas, shape (orders,).
