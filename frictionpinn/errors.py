@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import errno
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 
 class UserError(ValueError):
@@ -57,8 +57,14 @@ def unwritable(error: OSError, place: object, fix: str) -> UserError:
 
 def nearest(name: object, valid: Iterable[str]) -> str:
     """Return ``did you mean 'x'?`` for the valid name closest to ``name``, or an empty string."""
-    close = difflib.get_close_matches(str(name), list(valid), n=1, cutoff=0.5)
-    return f"did you mean '{close[0]}'?" if close else ""
+    return nearest_of(name, {each: each for each in valid})
+
+
+def nearest_of(name: object, told: Mapping[str, str], cutoff: float = 0.5) -> str:
+    """As :func:`nearest`, among names that are told otherwise than they are compared, ``told[x]``; the less alike they
+    may be, the lower ``cutoff``."""
+    close = difflib.get_close_matches(str(name), list(told), n=1, cutoff=cutoff)
+    return f"did you mean '{told[close[0]]}'?" if close else ""
 
 
 def choose(name: str, table: dict, where: str, fix: str = "use one of the allowed names"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatch
 from glob import glob
 from importlib.util import find_spec
@@ -19,7 +19,7 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
-from ..errors import UserError, nearest
+from ..errors import UserError, nearest, nearest_of
 from .configs import CONF, Configs, called, quote
 from .contact_options import contact_options
 from .manifest import check_free
@@ -283,9 +283,14 @@ def _explain(error: Exception, configs: Configs, choices: list[str]) -> UserErro
             where="command line",
             received=key,
             allowed=", ".join(name.rpartition(".")[2] for name in siblings[:15]),
-            fix=nearest(key, siblings) or nearest(key, keys) or "see conf/ for all keys",
+            fix=_meant_key(key, siblings) or _meant_key(key, keys, 0.8) or "see conf/ for all keys",
         )
     return UserError("the configuration cannot be composed", where="command line", fix=str(cause).splitlines()[0])
+
+
+def _meant_key(key: str, keys: Iterable[str], cutoff: float = 0.5) -> str:
+    """The nearest of some keys by the last part of each: that is misspelt, and not the path to it."""
+    return nearest_of(key.rpartition(".")[2], {name.rpartition(".")[2]: name for name in keys}, cutoff)
 
 
 def _all_keys(configs: Configs, choices: list[str]) -> dict[str, object]:
