@@ -7,11 +7,9 @@ import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
-import numpy as np
 import sympy as sp
 
 from ..errors import UserError, nearest
-from ..numerics.paths import sample_expression
 from ..physics.system import TIME
 
 FUNCTIONS = {"sin": sp.sin, "cos": sp.cos, "tan": sp.tan, "exp": sp.exp, "sqrt": sp.sqrt, "tanh": sp.tanh}
@@ -127,19 +125,3 @@ def parse_expression(
     if value.has(sp.zoo, sp.nan, sp.oo, sp.I):
         raise reader.refuse("expression is not a finite real number", 0)
     return value
-
-
-def path_signals(expression: sp.Expr, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position, velocity and acceleration of a path at times t, by symbolic differentiation.
-
-    Args:
-        expression: sympy expression of ``TIME``.
-        t: times, s, shape (n,).
-
-    Returns:
-        three arrays of shape (n,), in the expression's unit, per second and per second squared.
-
-    Raises:
-        UserError: a value that is not finite, with its time.
-    """
-    return sample_expression(expression, np.asarray(t, dtype=float), str(expression))

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from frictionpinn.data.excitation import parse_expression, path_signals
+from frictionpinn.data.excitation import parse_expression
 from frictionpinn.errors import UserError
+from frictionpinn.numerics.paths import sample_expression
 from frictionpinn.physics.system import TIME
 
 T = np.linspace(0, 2, 201)
@@ -27,7 +28,7 @@ T = np.linspace(0, 2, 201)
     ],
 )
 def test_an_expression_means_what_it_says(text, function):
-    position, velocity, acceleration = path_signals(parse_expression(text, "data.theta", {"w": 5.65}), T)
+    position, velocity, acceleration = sample_expression(parse_expression(text, "data.theta", {"w": 5.65}), T, text)
     np.testing.assert_allclose(position, function(T), atol=1e-12)
     smooth = np.abs(T - 1.003) > 0.01
     h = 1e-4
@@ -80,7 +81,7 @@ def test_a_constant_must_not_take_a_name_in_use(name):
 
 def test_values_that_are_not_finite_name_the_time():
     with pytest.raises(UserError, match="t = 0 s"):
-        path_signals(parse_expression("1/t"), T)
+        sample_expression(parse_expression("1/t"), T, "1/t")
 
 
 @given(st.text(max_size=60))
