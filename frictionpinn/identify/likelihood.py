@@ -4,7 +4,7 @@ Two things make this likelihood rugged. Errors add up over a trial: a static fri
 that follows is another motion. And what is sampled jumps: a stop one sample late costs the whole jump of the
 acceleration, and a small change of the parameters changes nothing. Laws without memory are not asked beside a jump that
 the samples show (:func:`frictionpinn.numerics.jumps.beside_jumps`), and wherever a descent ends it tries to move stops
-by whole samples (:mod:`frictionpinn.numerics.stops`). So the search goes
+past samples (:mod:`frictionpinn.numerics.stops`). So the search goes
 
 1. over whole trials, noisy inputs among the unknowns, held to the motion that was measured and let go of, each minimum
    the start of the next (:mod:`frictionpinn.identify.tether`), at the noise levels that the residuals show

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..numerics.gram import gram
-from ..numerics.jumps import BESIDE, Jump, jumps_at_rest
+from ..numerics.jumps import BESIDE, Jump, find_stops
 from ..numerics.loss import Loss
 from ..numerics.motion import Motion
 from ..numerics.paths import Directions, InputPath
@@ -209,10 +209,10 @@ class TrialModel:
     def jumps(
         self, run: Simulation, p: Mapping[str, float], names: Sequence[str], r: np.ndarray, scale: np.ndarray
     ) -> tuple[tuple[Jump, ...], np.ndarray]:
-        """Where the measured accelerations jump in a simulation, and which samples are beside, shape (n_out, n), bool.
+        """Where what is measured jumps in a simulation, and which samples are beside, shape (n_out, n), bool.
 
-        A body stops when its velocity comes to zero: the time of that changes by -dv / a. None where a bristle acts,
-        whose force does not jump.
+        An acceleration jumps where a body stops, the force of an imposed motion where that turns round: when a velocity
+        comes to zero, the time of which changes by -dv / a. None where a bristle acts, whose force does not jump.
 
         Args:
             run: with sensitivities to ``names`` of parameters, then to the local unknowns.
@@ -220,17 +220,20 @@ class TrialModel:
             r, scale: residuals over the noise, shape (n_out, n), and its standard deviations, shape (n_out,).
         """
         found: list[Jump] = []
-        near, rows = np.zeros(r.shape, bool), {name: row for row, name in enumerate(self.outputs)}
-        motions = self.simulator.mechanism.free if self.simulator.mechanism.jumps(p, names) else ()
-        for _, velocity, signal in (c.signals for c in motions):
-            if (row := rows.get(signal)) is None:
+        near, mechanism = np.zeros(r.shape, bool), self.simulator.mechanism
+        stopping = [(name, velocity, run.signals[velocity], run.signals[name])
+                    for _, velocity, name in (c.signals for c in mechanism.free)]  # fmt: skip
+        if mechanism.system.massless:
+            stopping = [(name, "v_slip", run.v_slip, np.gradient(run.v_slip, self.t)) for name in self.outputs]
+        for name, velocity, v, a in stopping if mechanism.jumps(p, names) else ():
+            if name not in self.outputs:
                 continue
-            a = run.signals[signal]
-            for k, moves in jumps_at_rest(self.t, run.signals[velocity], a, scale[row]):
+            row, y = self.outputs.index(name), run.signals[name]
+            for stop in find_stops(self.t, v, a, y, scale[row]):
+                k, interval = stop.at, self.t[stop.at + 1] - self.t[stop.at]
                 near[row, max(k + 1 - BESIDE, 0) : k + 1 + BESIDE] = True
-                per_sample = a[moves] * (self.t[k + 1] - self.t[k])
-                slopes = -run.sensitivities[velocity][moves, len(names) :] / per_sample
-                found.append(Jump(a / scale[row], r[row], k, slopes))
+                slopes = -run.sensitivities[velocity][stop.moves, len(names) :] / (a[stop.moves] * interval)
+                found.append(Jump(y / scale[row], r[row], k, (stop.time - self.t[k]) / interval, slopes))
         return tuple(found), near
 
     def derivatives(
@@ -296,7 +299,7 @@ class TrialModel:
             rows = measured.sum(), (seen**2).sum(), (seen[:, 1:] * seen[:, :-1]).sum()
             H, gradient = gram(J.reshape(-1, n_g + n_l), (r * scale[:, None]).reshape(-1), weight.reshape(-1))
             ll, grad_l = H[n_g:, n_g:], gradient[n_g:]  # views
-            jumps, near = ((), measured) if half else self.jumps(run, p, names, r, scale)
+            jumps, near = ((), measured) if half or not n_l else self.jumps(run, p, names, r, scale)
             steep, pull = (J[near][:, n_g:] * np.sqrt(weight[near])[:, None], seen[near]) if jumps else (None, None)
         for z in self.simulator.bristles:  # held within what friction can be: where the body slides no signal sees it
             if z not in self.states:

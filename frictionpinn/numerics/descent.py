@@ -81,7 +81,7 @@ def _step(
 def levenberg_marquardt(evaluate: Evaluate, start: State, limits: Limits, **options: Any) -> Solution:
     """Minimise the cost within bounds on the global unknowns, and go on where stops can be moved to gain.
 
-    Each time the descent ends (:func:`_descended`, which has the ``options``), stops are moved by whole samples
+    Each time the descent ends (:func:`_descended`, which has the ``options``), stops are moved past samples
     (:func:`.stops.past_stops`).
     """
     found = _descended(evaluate, start, limits, **options)

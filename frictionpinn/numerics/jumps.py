@@ -28,59 +28,68 @@ def beside_jumps(y: np.ndarray, sigma: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Jump:
-    """An acceleration that jumps in a simulation, since a body stops, turns round or breaks away.
+    """An acceleration or a force that jumps in a simulation, since a body stops, turns round or breaks away.
 
     Attributes:
-        model, r: the acceleration, and the model less the measured one, zero where nothing was measured, over the
+        model, r: that signal, and the model less the measured one, zero where nothing was measured, over the
             noise, shape (n,) each.
         at: sample before the jump.
+        share: of the interval from that sample to the next, after which it jumps.
         slopes: derivatives of its time in what is unknown of the trial, in samples, shape (n_l,).
     """
 
     model: np.ndarray
     r: np.ndarray
     at: int
+    share: float
     slopes: np.ndarray
 
-    def costs(self, most: int) -> tuple[np.ndarray, np.ndarray]:
-        """Shifts in samples, up to ``most`` either way, and half the sum of squares that each adds.
+    def costs(self, error: float, most: float) -> tuple[np.ndarray, np.ndarray]:
+        """Shifts in samples, by which it passes samples up to ``most`` standard errors ``error`` of its time away, and
+        half the sum of squares that each adds.
 
-        The samples that a jump passes take the value on its other side.
+        It passes a sample by a standard error, or to the middle between two. The samples that it passes take the value
+        on its other side.
         """
+        beyond, count = min(error, 0.5), int(most * error) + 1
 
         def passed(samples: np.ndarray, value: float) -> np.ndarray:
             old = self.r[samples]
             new = np.where(old == 0.0, 0.0, old + value - self.model[samples])
             return np.cumsum(new**2 - old**2) / 2
 
-        later = np.arange(self.at + 1, min(self.at + 1 + most, len(self.r)))
-        sooner = np.arange(self.at, max(self.at - most, -1), -1)
+        later = np.arange(self.at + 1, min(self.at + 1 + count, len(self.r)))
+        sooner = np.arange(self.at, max(self.at - count, -1), -1)
+        shifts = sooner[::-1] - self.at - self.share - beyond, [0.0], later - self.at - self.share + beyond
         costs = passed(sooner, self.model[self.at + 1])[::-1], [0.0], passed(later, self.model[self.at])
-        return np.arange(-len(sooner), len(later) + 1), np.concatenate(costs)
+        return np.concatenate(shifts), np.concatenate(costs)
 
 
-def jumps_at_rest(t: np.ndarray, v: np.ndarray, a: np.ndarray, sigma: float) -> list[tuple[int, int]]:
-    """Where an acceleration jumps by more than its noise since the velocity comes to zero or leaves it.
+@dataclass(frozen=True)
+class Stop:
+    """Where a signal jumps since a velocity comes to zero or leaves it: between the samples ``at`` and the next, at the
+    ``time``, s; the body moves at the sample ``moves`` of the two."""
+
+    at: int
+    moves: int
+    time: float
+
+
+def find_stops(t: np.ndarray, v: np.ndarray, a: np.ndarray, y: np.ndarray, sigma: float = 0.0) -> list[Stop]:
+    """Where a signal jumps by more than its noise since a velocity comes to zero or leaves it.
 
     Args:
         t, v, a: times, simulated velocity and acceleration, shape (n,), SI units.
-        sigma: standard deviation of the acceleration's noise.
-
-    Returns:
-        samples before the jump, and beside it the one of the two where the body moves.
+        y, sigma: what jumps, the acceleration or a force, shape (n,), and the standard deviation of its noise.
     """
-    k = _jumps(a, sigma)
-    moves = np.where(np.abs(v[k]) < np.abs(v[k + 1]), k + 1, k)
-    # Within two intervals: towards rest a Stribeck curve slows a body down faster than at the sample before.
-    near = np.abs(v[moves]) <= 2 * np.maximum(np.abs(a[k]), np.abs(a[k + 1])) * (t[k + 1] - t[k])
-    return list(zip(k[near].tolist(), moves[near].tolist(), strict=True))
-
-
-def times_at_rest(t: np.ndarray, v: np.ndarray, a: np.ndarray) -> list[tuple[int, float]]:
-    """Samples before the jumps of an acceleration without noise, and the times, s, of these jumps between the samples:
-    when the velocity of the side on which the body moves comes to zero. See :func:`jumps_at_rest`."""
-    found = jumps_at_rest(t, v, a, 0.0)
-    return [(k, float(np.clip(t[m] - v[m] / a[m] if a[m] else t[m], t[k], t[k + 1]))) for k, m in found]
+    found = []
+    for k in _jumps(y, sigma).tolist():
+        m = k + 1 if abs(v[k]) < abs(v[k + 1]) else k
+        # Within two intervals: towards rest a Stribeck curve slows a body down faster than at the sample before.
+        if abs(v[m]) <= 2 * max(abs(a[k]), abs(a[k + 1])) * (t[k + 1] - t[k]):
+            time = t[m] - v[m] / a[m] if a[m] else t[m]
+            found.append(Stop(k, m, float(np.clip(time, t[k], t[k + 1]))))
+    return found
 
 
 def _jumps(y: np.ndarray, least: float) -> np.ndarray:

@@ -9,7 +9,7 @@ import sympy as sp
 
 from ..physics.mechanism import Mechanism
 from .delay import shift_directions, shift_pieces, shift_samples, slopes, together
-from .jumps import times_at_rest
+from .jumps import find_stops
 from .paths import DEGREE, Directions, InputPath
 
 Signals = dict[str, np.ndarray]
@@ -154,7 +154,8 @@ class Sensors:
             return y, np.zeros_like(y)
         delay = float(self.delays[name] @ p)
         velocity = self.jumping.get(name) if self.jumps(dict(zip(self.parameters, p, strict=True))) else None
-        jumps = () if velocity is None else times_at_rest(t, truth[velocity], truth[name])
+        found = [] if velocity is None else find_stops(t, truth[velocity], truth[name], truth[name])
+        jumps = [(stop.at, stop.time) for stop in found]
         slope = signals[self.slopes[name]] if name in self.slopes else slopes(t, y, jumps)
         return shift_samples(t, y, slope, delay, jumps) if delay else (y, -slope)
 

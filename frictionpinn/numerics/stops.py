@@ -1,4 +1,4 @@
-"""Stops moved by whole samples: the walls of a likelihood whose motion has jumps.
+"""Stops moved past samples: the walls of a likelihood whose motion has jumps.
 
 A stop that comes a sample late costs the whole jump of the acceleration there, and no derivative tells: the cost is
 smooth between two samples, and has a wall at each. How well the rest of a trial tells the time of a stop is known, and
@@ -18,7 +18,7 @@ from scipy.linalg.lapack import dposv
 from .quadratic import Evaluate, Piece, State
 
 REACH = 4.0  # standard errors of a stop's time by which it is moved
-LEAST = 0.1  # samples: where a stop's time is told better than that, no sample that it passes outweighs what moves it
+LEAST = 1e-6  # samples: standard error of a stop's time that nothing moves
 SHARES = (1.0, 0.75, 0.5)  # of such a change that are tried: what nearly stops goes farther than its derivatives say
 ROUNDS = 50  # of moves, and in which the shifts of a trial's stops are chosen beside one another: a budget
 
@@ -71,7 +71,7 @@ def _ways(piece: Piece, least: float) -> list[np.ndarray]:
     if not jumps:
         return []
     V, b = G @ X, gradient @ X
-    tables = [jump.costs(int(REACH * v**0.5) + 1) for jump, v in zip(jumps, V.diagonal(), strict=True)]
+    tables = [jump.costs(v**0.5, REACH) for jump, v in zip(jumps, V.diagonal(), strict=True)]
     found = []
     for k, (shifts, costs) in enumerate(tables):
         costs = costs + (b[k] * shifts + shifts**2 / 2) / V[k, k]

@@ -1,12 +1,13 @@
-"""Stops that a search moves by whole samples."""
+"""Stops that a search moves past samples."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_trials
-from frictionpinn.identify import Problem
+from frictionpinn.identify import Problem, maximum_likelihood
 from frictionpinn.numerics.descent import levenberg_marquardt
 from frictionpinn.numerics.jumps import Jump
 from frictionpinn.numerics.quadratic import SAME_MINIMUM, Piece, State
@@ -31,7 +32,8 @@ def test_stops_end_where_samples_and_all_the_rest_of_each_trial_want_them(seed):
         pieces, one, none = [], np.eye(1), np.zeros((1, 1))
         for k, (time,) in enumerate(locals_):
             model, curve = np.where(np.arange(n) < time, height, 0.0), one / sure**2
-            jump = Jump(model, model - y[k], int(np.ceil(time)) - 1, np.ones(1))
+            at = int(np.ceil(time)) - 1
+            jump = Jump(model, model - y[k], at, time - at, np.ones(1))
             slopes = 1e3 * u, np.array([time - told[k]]) / sure**2
             pieces.append(Piece(cost(k, time) + 500 * float(u[0]) ** 2, {}, 1e3 * one, none, curve, *slopes,
                                 rows=(1.0, 1.0, 0.0), jumps=(jump,), smooth=(curve, slopes[1])))  # fmt: skip
@@ -71,3 +73,18 @@ def test_the_derivative_of_a_stops_time_moves_it_by_as_many_samples(system, law,
             moved = evaluate(u, (models[0].local + step,), True)
             nearest = min((other.at for other in moved.pieces[0].jumps), key=lambda k: abs(k - jump.at - shift))
             assert abs(nearest - jump.at - shift) <= 1
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(("law", "truth"), [
+    ("coulomb_viscous", {"mu_c": 3.0, "sigma_2": 2.0}),
+    ("stribeck", {"mu_c": 3.0, "mu_s": 4.5, "v_s": 0.02, "sigma_2": 2.0}),
+])  # fmt: skip
+def test_no_sample_of_an_imposed_motions_force_is_left_on_the_wrong_side_of_a_reversal(law, truth, seed):
+    # The velocity's noise hides on which side of zero a sample is, and the force jumps there by 30 standard deviations.
+    mechanism = Mechanism(SYSTEMS["damper"](), LAWS[law]())
+    trials = [{"duration": 3.7, "x": f"0.05*sin({w}*t) + 0.01*sin({2.7 * w}*t + {w})"} for w in (2.1, 3.3)]
+    noisy = GaussianNoise(0.05)(simulate_trials(mechanism, truth, trials, 100.0), seed)
+    found = maximum_likelihood(mechanism, noisy)
+    left = np.concatenate([found.minimum.state.left("force")]) / found.sigmas["force"]
+    assert np.abs(left).max() < 6

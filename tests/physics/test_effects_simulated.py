@@ -12,7 +12,7 @@ from effect_cases import law_values, path, plain, simulator
 from short_paths import PATHS, T
 
 from frictionpinn.numerics.delay import shift_pieces, shift_samples, slopes
-from frictionpinn.numerics.jumps import times_at_rest
+from frictionpinn.numerics.jumps import find_stops
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS
@@ -223,8 +223,8 @@ def test_a_jump_is_shown_late_as_a_jump():
 def test_a_stop_is_found_where_a_stribeck_curve_slows_the_body_down_faster_than_before():
     t, v = np.arange(6) * 1e-3, np.array([0.0281, 0.0192, 0.0102, -6e-6, -6e-6, -6e-6])
     a = np.array([-8.82, -8.85, -9.49, -1e-4, -1e-4, -1e-4])
-    ((before, at),) = times_at_rest(t, v, a)
-    assert before == 2 and t[2] < at <= t[3]
+    (stop,) = find_stops(t, v, a, a)
+    assert stop.at == stop.moves == 2 and t[2] < stop.time <= t[3]
 
 
 def test_a_shift_of_nothing_changes_nothing():
