@@ -126,3 +126,14 @@ def test_noise_that_is_given_twice_as_large_doubles_the_error():
         maximum_likelihood(mechanism, noisy, sigmas=known, thorough=False, profiles=False) for known in (levels, twice)
     )
     assert double.std["mu_c"] == pytest.approx(2 * single.std["mu_c"], rel=0.2)
+
+
+@pytest.mark.parametrize("level", [0.0, -0.1, float("nan"), float("inf")])
+@pytest.mark.parametrize("signal", ["x", "force"])
+def test_a_noise_level_that_no_sensor_has_is_refused(signal, level):
+    mechanism, truth, _, noisy, _ = case("drive", "dahl", (0,))
+    said = rf"impossible noise level: sigmas.{signal} is {level}; allowed: a standard deviation above 0"
+    with pytest.raises(UserError, match=said):
+        bound(mechanism, noisy, truth, sigmas={signal: level})
+    with pytest.raises(UserError, match=said):
+        maximum_likelihood(mechanism, noisy, sigmas={signal: level})
