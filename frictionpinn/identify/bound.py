@@ -120,8 +120,16 @@ def bound_of(problem: Problem, values: Mapping[str, float]) -> Bound:
     """Cramer-Rao bound of a problem at parameter values, by name, SI units, within its bounds or not.
 
     Raises:
-        UserError: a free parameter without a value; the mechanism cannot be simulated at these values.
+        UserError: an unknown name, a free parameter without a value, or another value than that at which one is held;
+            the mechanism cannot be simulated at these values.
     """
+    problem.mechanism.check_values(values, "values")
+    for name, held in problem.fixed.items():
+        if values.get(name, held) != held:
+            fixed = {name: float(values[name])}
+            raise UserError("another value than that at which it is held", where=f"values.{name}",
+                            received=values[name], allowed=f"{held:g}",
+                            fix=f"hold it there, fixed={fixed}, or name it in free")  # fmt: skip
     for name in problem.names:
         if not np.isfinite(values.get(name, np.nan)):
             raise UserError("parameter without a value", where=f"values.{name}", received=values.get(name),

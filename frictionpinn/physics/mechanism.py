@@ -114,7 +114,7 @@ class Mechanism(Shown):
             par, number = table[name], isinstance(value, Real) and not isinstance(value, bool)
             if not number or not math.isfinite(value) or not par.low <= value <= par.high:  # type: ignore[arg-type, operator]
                 unit = "" if par.unit == "1" else f" {readable_unit(par.unit)}"
-                raise UserError("impossible value", where=f"{where}.{name}", received=value,
+                raise UserError("impossible value", where=f"{where}.{name}", received=value if number else repr(value),
                                 allowed=f"a number from {par.low:g} to {par.high:g}{unit}")  # fmt: skip
 
     @property
