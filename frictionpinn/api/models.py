@@ -11,7 +11,7 @@ from ..physics.contacts import law_named
 from ..physics.effects import applicable
 from ..physics.mechanism import Mechanism
 from ..show import Table, readable_unit
-from .arguments import mechanism_given
+from .arguments import mechanism_given, names_given
 
 
 def systems() -> Table:
@@ -103,7 +103,7 @@ def system(
     """
     extensions.load()
     kind = choose(name, SYSTEMS, "system")
-    taken = None if driven is None else tuple(driven)
+    taken = None if driven is None else tuple(names_given(driven, "system.driven"))
     return kind(equations=equations, driven=taken, imposed=imposed, **parameters)
 
 

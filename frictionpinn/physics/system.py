@@ -80,6 +80,8 @@ class System:
         for name, value in values.items():
             check_value(self, name, value)
             self.values[name] = float(value)
+        if imposed not in (True, False):
+            raise UserError("not a switch", where="system.imposed", received=repr(imposed), allowed="True or False")
         self.imposed = bool(imposed)
         if self.imposed and not type(self).massless:
             check_imposed(self)

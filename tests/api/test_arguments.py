@@ -62,6 +62,8 @@ def test_what_is_no_mechanism_is_refused_with_how_to_make_one(log, call, given):
         (lambda m, log: fp.online(m, VALUES, log, adapt=["mu_c"]), "no table: adapt is"),
         (lambda m, log: fp.mechanism("drive", "lugre", "drag"), "not a list of effects: effects is 'drag'"),
         (lambda m, log: fp.effects("drive"), "no mechanism"),
+        (lambda m, log: fp.system("drive", imposed="no"), "not a switch: system.imposed is 'no'"),
+        (lambda m, log: fp.system("double_pendulum", driven=1), "not a list of names: system.driven is 1"),
         (lambda m, log: fp.read([], "drive"), "not a file"),
         (lambda m, log: fp.export(3, "c"), "no run: run is 3"),
         (lambda m, log: fp.export("nowhere", 3), "not a list of names: form is 3"),
