@@ -170,7 +170,7 @@ def _from_files(cfg: Config, system: System) -> Recording:
     present = columns_of(_paths(cfg["path"])[0])
     columns = mapping(cfg, "columns", "data")
     if cfg.get("columns") is None:
-        columns = {name: name for name in known if name in present}
+        columns = {name: name for name in allowed if name in present}
     if cfg.get("columns") is None or "t" in present:
         columns.setdefault("t", "t")
     if trial_column not in (None, "trial", *present):
