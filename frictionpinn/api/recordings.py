@@ -24,6 +24,7 @@ from .arguments import mechanism_given, number_given, recording_given, table_giv
 from .models import made_system
 
 Paths = str | os.PathLike | Iterable[str | os.PathLike]
+READING = ("columns", "units", "gains", "trial_column", "rate_hz", "max_samples")  # of conf/data/csv.yaml what is read
 
 
 def read(path: Paths, system: System | str, **options: Any) -> Recording:
@@ -33,7 +34,7 @@ def read(path: Paths, system: System | str, **options: Any) -> Recording:
         path: a file, a folder, a pattern or a list of these: .csv, .csv.gz, .txt, .tsv, .parquet, .mat, .npz.
         system: what was recorded, or its name; its signals are the names that columns are read as.
         options: as in conf/data/csv.yaml: ``columns={"x": "pos"}``, ``units={"x": "mm", "default": "SI"}`` (without
-            them all are in SI), ``gains``, ``trial_column`` (None: each file is a trial), ``rate_hz``, ...
+            them all are in SI), ``gains``, ``trial_column`` (None: each file is a trial), ``rate_hz``, ``max_samples``.
 
     Raises:
         UserError: what the file lacks or holds that cannot be: columns, units, values, time.
@@ -48,9 +49,14 @@ def read(path: Paths, system: System | str, **options: Any) -> Recording:
     defaults: dict[str, Any] = OmegaConf.load(CONF / "data" / "csv.yaml").data  # type: ignore[assignment]
     cfg = {str(key): value for key, value in OmegaConf.to_container(defaults).items() if key != "path"}  # type: ignore[arg-type, union-attr]
     for key in options:
-        if key not in cfg:
-            raise UserError("unknown option", where="read", received=key, allowed=", ".join(cfg),
-                            fix=nearest(key, cfg) or "use one of the allowed names")  # fmt: skip
+        if key not in READING:
+            fix = (
+                f"give {key} to the function that it is for, such as fp.diagnose"
+                if key in cfg
+                else nearest(key, READING)
+            )
+            raise UserError("unknown option", where="read", received=key, allowed=", ".join(READING),
+                            fix=fix or "use one of the allowed names")  # fmt: skip
     paths = [path] if isinstance(path, str | os.PathLike) else path
     if not isinstance(paths, list | tuple) or not paths or not all(isinstance(x, str | os.PathLike) for x in paths):
         raise UserError("not a file", where="read", received=type(path).__name__, allowed="a path, or a list of paths",

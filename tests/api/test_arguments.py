@@ -59,6 +59,8 @@ def test_what_is_no_mechanism_is_refused_with_how_to_make_one(log, call, given):
         (lambda m, log: fp.simulate(m, VALUES, 3), "no trials to simulate"),
         (lambda m, log: fp.simulate(m, VALUES, TRIALS, rate_hz=None), "not a number: rate_hz is None"),
         (lambda m, log: fp.simulate(m, VALUES, TRIALS, noise="a"), "not a number: noise is 'a'"),
+        (lambda m, log: fp.read("log.csv", "drive", held_out=["2"]), "unknown option: read is held_out; .*fp.diagnose"),
+        (lambda m, log: fp.read("log.csv", "drive", name="emps"), "unknown option: read is name; allowed: columns, "),
         (lambda m, log: fp.online(m, VALUES, log, adapt=["mu_c"]), "no table: adapt is"),
         (lambda m, log: fp.mechanism("drive", "lugre", "drag"), "not a list of effects: effects is 'drag'"),
         (lambda m, log: fp.effects("drive"), "no mechanism"),
