@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -124,7 +125,10 @@ def _trial(
     """Trial k; it begins at the time ``before`` of the session, s, where it does not say otherwise."""
     mechanism, where = simulator.mechanism, f"data.trials[{k}]"
     duration = spec.get("duration")
-    count = round(duration * rate_hz) if isinstance(duration, int | float) else 0
+    if isinstance(duration, bool) or not isinstance(duration, Real) or not np.isfinite(float(duration)):
+        raise UserError("not a number", where=f"{where}.duration", received=repr(duration), allowed="seconds",
+                        fix=f"give every trial its length, at least {10 / rate_hz:g} s")  # fmt: skip
+    count = round(float(duration) * rate_hz)
     if count < 10:
         raise UserError(
             "trial too short",

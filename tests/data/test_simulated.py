@@ -91,7 +91,9 @@ def test_impossible_settings_are_named(change, message):
         ({"duration": 0.5, "theta": "__import__('os').getcwd()"}, "theta"),
         ({"duration": 0.5, "theta": "sqrt(-1 - t)"}, "not a finite number"),
         ({"duration": -1.0, "theta": "t"}, r"data.trials\[0\].duration is -1.0 s; allowed: at least 0.05 s"),
-        ({"duration": "long", "theta": "t"}, r"data.trials\[0\].duration is long"),
+        ({"duration": "long", "theta": "t"}, r"data.trials\[0\].duration is 'long'"),
+        ({"duration": "2", "theta": "t"}, r"not a number: data.trials\[0\].duration is '2'; allowed: seconds"),
+        ({"duration": float("nan"), "theta": "t"}, r"data.trials\[0\].duration is nan"),
         ({"duration": 0.5, "theta": "80*deg*sin(15*t)"}, "contact"),
     ],
 )
