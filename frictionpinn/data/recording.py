@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import UserError
+from ..errors import UserError, nearest
 from ..numerics.session import Session
 from ..show import Shown, Table, readable_unit
 
@@ -113,8 +113,17 @@ class Recording(Shown):
         return [trial.name for trial in self.trials]
 
     def select(self, names: Iterable[str]) -> Recording:
-        """Return the recording that holds only the named trials, in their original order."""
+        """Return the recording that holds only the named trials, in their original order.
+
+        Raises:
+            UserError: a name that no trial has.
+        """
+        if isinstance(names, str):
+            raise UserError("not a list of names", where="select", received=repr(names), allowed=f"[{names!r}]")
         wanted = {str(name) for name in names}
+        for name in sorted(wanted.difference(self.names)):
+            raise UserError("no such trial", where="select", received=repr(name), allowed=", ".join(self.names),
+                            fix=nearest(name, self.names) or "use the names of the trials")  # fmt: skip
         return replace(self, trials=tuple(trial for trial in self.trials if trial.name in wanted))
 
     def cut(self, length_s: float | None, longest: int, least: int) -> list[Trial]:

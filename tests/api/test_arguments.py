@@ -64,6 +64,8 @@ def test_what_is_no_mechanism_is_refused_with_how_to_make_one(log, call, given):
         (lambda m, log: fp.online(m, VALUES, log, adapt=["mu_c"]), "no table: adapt is"),
         (lambda m, log: fp.mechanism("drive", "lugre", "drag"), "not a list of effects: effects is 'drag'"),
         (lambda m, log: fp.effects("drive"), "no mechanism"),
+        (lambda m, log: log.select(["1", "10"]), "no such trial: select is '10'; allowed: 1, 2"),
+        (lambda m, log: log.select("12"), r"not a list of names: select is '12'; allowed: \['12'\]"),
         (lambda m, log: fp.system("drive", imposed="no"), "not a switch: system.imposed is 'no'"),
         (lambda m, log: fp.system("double_pendulum", driven=1), "not a list of names: system.driven is 1"),
         (lambda m, log: fp.read([], "drive"), "not a file"),
