@@ -184,6 +184,11 @@ def test_effects_act_in_one_order_whatever_the_order_given():
         ("asymmetry@hnge", "effect at no such contact.*allowed: asymmetry@box, asymmetry@hinge"),
         ("payload@box", "effect at no such contact.*allowed: payload"),  # it acts on the whole mechanism
         ("asymetry", "did you mean 'asymmetry'"),
+        (
+            "stribeck",
+            "effect cannot act on system pob_hinge with friction lugre: effects is stribeck; allowed: adhesion",
+        ),
+        ("friction@hinge", "effect cannot act .*: effects is friction@hinge"),
     ],
 )
 def test_an_effect_that_is_to_be_tried_where_there_is_no_such_one_is_refused(name, said):

@@ -93,12 +93,14 @@ def effects_for(system: System, law: FrictionLaw, names: Collection[str] | None 
     Of several contacts a name is of the effect at one, ``asymmetry@hinge``, or at each, ``asymmetry``.
 
     Raises:
-        UserError: a name of no effect, or at no contact of the system.
+        UserError: a name of no effect, at no contact of the system, or of an effect that cannot act there.
     """
     for name in names or ():
         _made(name, system)
     every = applicable(system, law, tuple(effect.name for effect in applicable(system, law)))
     wanted = {e.name for e in every} if names is None else set(names)
+    for name in sorted(wanted.difference(*({e.name, e.name.partition("@")[0]} for e in every))):
+        raise _cannot_act(name, system, law, every)
     return tuple(e for e in every if {e.name, e.name.partition("@")[0]} & wanted)
 
 
@@ -119,15 +121,19 @@ def chosen(effects: Iterable[str | Effect], system: System, law: FrictionLaw) ->
             raise UserError("effect that does not say at which contact", where="effects", received=effect.name,
                             allowed=", ".join(places), fix="name its contact")  # fmt: skip
         if not effect.applies(system, law, names):
-            raise UserError(
-                f"effect cannot act on system {system.name} with friction {law.name}",
-                where="effects",
-                received=effect.name,
-                allowed=", ".join(e.name for e in applicable(system, law, names)),
-                fix="leave it out",
-            )
+            raise _cannot_act(effect.name, system, law, applicable(system, law, names))
     place = {name: i for i, name in enumerate(EFFECTS)}
     return tuple(sorted(made, key=lambda e: place.get(e.name.partition("@")[0], len(place))))
+
+
+def _cannot_act(name: str, system: System, law: FrictionLaw, allowed: Iterable[Effect]) -> UserError:
+    return UserError(
+        f"effect cannot act on system {system.name} with friction {law.name}",
+        where="effects",
+        received=name,
+        allowed=", ".join(e.name for e in allowed),
+        fix="leave it out",
+    )
 
 
 def _everywhere(effect: Effect, system: System) -> list[Effect]:
