@@ -68,6 +68,28 @@ class FrictionalContact:
     text: str = ""
 
 
+def check_declared(system: System) -> None:
+    """Raise :class:`UserError` for signals that share a name, a force on no coordinate, a slip without a velocity."""
+    names = ["t", *(name for c in system.moving for name in c.signals if name), *(u.name for u in system.inputs)]
+    for name in names:
+        if names.count(name) > 1:
+            raise UserError(f"two signals of one name in system {system.name}", where="coordinates and inputs",
+                            received=repr(name), allowed="names that differ, t being time")  # fmt: skip
+    coordinates = [c.name for c in system.coordinates]
+    for name in system.applied(system.s, system.p):
+        if name not in coordinates:
+            raise UserError(f"force on no coordinate of system {system.name}", where="applied", received=repr(name),
+                            allowed=", ".join(coordinates),
+                            fix=nearest(name, coordinates) or "name the coordinate that it acts on")  # fmt: skip
+    slip = system.slip_velocity(system.s, system.p)
+    rates = {c.symbols[1] for c in system.coordinates}
+    for contact, velocity in slip.items() if isinstance(slip, dict) else [("", slip)]:
+        if not sp.sympify(velocity).free_symbols & rates:
+            raise UserError(f"no velocity in the slip velocity of system {system.name}",
+                            where=f"slip_velocity {contact}".strip(), received=velocity,
+                            allowed=f"an expression of {', '.join(f's.{c}_dot' for c in coordinates)}")  # fmt: skip
+
+
 def check_imposed(system: System) -> None:
     """Raise :class:`UserError` where the input is not a force along the slip of the only coordinate and contact."""
     several = len(system.moving) > 1 or len(system.contacts) > 1

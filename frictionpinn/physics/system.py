@@ -11,7 +11,15 @@ import sympy as sp
 from ..errors import UserError, nearest
 from ..show import readable_unit
 from .base import TIME, Parameter, contact_of
-from .declarations import Coordinate, FrictionalContact, Input, check_imposed, check_value, checked_driven
+from .declarations import (
+    Coordinate,
+    FrictionalContact,
+    Input,
+    check_declared,
+    check_imposed,
+    check_value,
+    checked_driven,
+)
 from .force_balance import forces_implied, simplified
 
 __all__ = ["TIME", "Coordinate", "FrictionalContact", "Input", "System"]
@@ -80,6 +88,7 @@ class System:
         for name, value in values.items():
             check_value(self, name, value)
             self.values[name] = float(value)
+        check_declared(self)
         if imposed not in (True, False):
             raise UserError("not a switch", where="system.imposed", received=repr(imposed), allowed="True or False")
         self.imposed = bool(imposed)

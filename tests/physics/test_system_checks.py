@@ -16,6 +16,7 @@ import frictionpinn as fp
 from frictionpinn.data.units import registry
 from frictionpinn.errors import UserError
 from frictionpinn.physics import SYSTEMS
+from frictionpinn.physics.system import Coordinate, Input
 from frictionpinn.show import readable_unit
 from frictionpinn.workflow.build import build_system
 from frictionpinn.workflow.options import composed
@@ -109,3 +110,19 @@ def test_coordinates_that_are_taken_as_measured_are_an_option_of_a_system_and_of
     assert build_system(composed("diagnose", ["system=pob", "data.path=recording"])["system"]).driven == ("theta",)
     with pytest.raises(UserError, match=r"system\.driven.*theta_1, theta_2"):
         fp.system("double_pendulum", driven=["theta_3"])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"applied": lambda self, s, p: {"y": s.force}}, "force on no coordinate .*: applied is 'y'; allowed: x"),
+        ({"slip_velocity": lambda self, s, p: s.x}, r"no velocity in the slip velocity .* is x; .*s\.x_dot"),
+        ({"coordinates": (Coordinate("x", ("x", "v", "v")),)}, "two signals of one name .* is 'v'"),
+        ({"inputs": (Input("x", "N", ""), Input("force", "N", ""))}, "two signals of one name .* is 'x'"),
+    ],
+    ids=["applied", "slip", "signals", "input"],
+)
+def test_a_system_that_would_leave_out_what_it_says_is_refused(change, said):
+    with pytest.raises(UserError, match=said) as error:
+        type("Mine", (SYSTEMS["drive"],), change)()
+    assert one_line(error)
