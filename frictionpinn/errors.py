@@ -40,7 +40,8 @@ class Interrupted(BaseException):
 
 
 # Errors of a disk, which the user can mend; others of the system are shown whole.
-DISK = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EFBIG, errno.EIO, errno.ENOTDIR)
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EFBIG, errno.EIO, errno.ENOTDIR,
+        errno.EISDIR, errno.EEXIST)  # fmt: skip
 
 
 def unwritable(error: OSError, place: object, fix: str) -> UserError:

@@ -14,7 +14,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from .errors import choose
+from .errors import choose, unwritable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -161,8 +161,7 @@ class Shown:
         """Write ``result.json`` and every figure as PNG to a folder, made where it is missing; returns it."""
         from .workflow.manifest import write_json
 
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = folder_at(folder)
         write_json(folder / "result.json", self.to_dict())
         for name, figure in self.figures().items():
             (folder / f"{name}.png").write_bytes(png(figure))
@@ -177,6 +176,20 @@ class Shown:
             data = base64.b64encode(png(figure)).decode()
             parts.append(f'<img alt="{html.escape(name)}" style="max-width:100%" src="data:image/png;base64,{data}">')
         return "\n".join(parts)
+
+
+def folder_at(place: str | Path) -> Path:
+    """A folder, made where it is missing.
+
+    Raises:
+        UserError: it cannot be made.
+    """
+    folder = Path(place)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(error, folder, "name another folder") from error
+    return folder
 
 
 def png(figure: Figure) -> bytes:

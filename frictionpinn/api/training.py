@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..data.recording import Recording
-from ..errors import Interrupted, UserError, unwritable
+from ..errors import Interrupted, UserError
 from ..physics import extensions
 from ..physics.mechanism import Mechanism
 from ..progress import clock
-from ..show import Shown, Table, interval, readable_unit
+from ..show import Shown, Table, folder_at, interval, readable_unit
 from ..workflow import evaluate as evaluation
 from ..workflow import export as handing_on
 from ..workflow.configs import CONF, Configs, quote, with_extensions, written
@@ -147,10 +147,7 @@ def train(
         overrides = ["data=csv", "data.path=recording", f"data.check={check}", *overrides]
     cfg = with_extensions(composed("train", overrides, config_dir))
     folder = _folder(folder) if folder is not None else _new_folder(overrides, config_dir)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise unwritable(error, folder, "name another folder") from error
+    folder_at(folder)
     if recording is not None:  # the run's evaluations read it again
         cfg["data"]["path"] = str(recording.save(folder / "recording.parquet").absolute())
     try:

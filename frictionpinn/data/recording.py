@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import UserError, nearest
+from ..errors import UserError, nearest, unwritable
 from ..numerics.session import Session
-from ..show import Shown, Table, readable_unit
+from ..show import Shown, Table, folder_at, readable_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -214,7 +214,7 @@ class Recording(Shown):
             path: ending in .csv or .parquet.
 
         Raises:
-            UserError: another ending.
+            UserError: another ending, or a place that cannot be written.
         """
         import pandas as pd
 
@@ -223,8 +223,11 @@ class Recording(Shown):
             raise UserError("unknown file format", where="path", received=str(path), allowed=".csv, .parquet")
         parts = [{"trial": trial.name, "start": trial.start, "t": trial.t, **trial.signals} for trial in self.trials]
         table = pd.concat([pd.DataFrame(part) for part in parts], ignore_index=True)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        table.to_csv(path, index=False) if path.suffix == ".csv" else table.to_parquet(path, index=False)
+        folder_at(path.parent)
+        try:
+            table.to_csv(path, index=False) if path.suffix == ".csv" else table.to_parquet(path, index=False)
+        except OSError as error:
+            raise unwritable(error, path, "name another file") from error
         return path
 
 

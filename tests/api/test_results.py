@@ -109,6 +109,15 @@ def test_a_result_is_plain_types_and_saves_itself(results, kind, tmp_path):
     assert kind in ("recording", "mechanism") or len(list(path.rglob("*.png"))) >= len(results[kind].figures())
 
 
+@pytest.mark.parametrize("kind", ["recording", "check", "fit", "bound", "diagnosis"])
+def test_a_place_that_cannot_be_written_is_one_line(results, kind, tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    (tmp_path / "taken.csv").mkdir()
+    place = tmp_path / ("taken.csv" if kind == "recording" else "taken")
+    with pytest.raises(fp.UserError, match=r"cannot write: .*taken.* name another"):
+        results[kind].save(place)
+
+
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
 def test_a_saved_recording_is_read_back_as_it_was(model, log, tmp_path, ending):
     first, second = log.trials
