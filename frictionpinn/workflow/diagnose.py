@@ -302,6 +302,8 @@ def checked(cfg: Config) -> dict[str, Any]:
                             allowed=("all, " if key == "effects" else "") + "a list such as [drag, delay]")  # fmt: skip
         for name in names:
             choose(name.partition("@")[0], EFFECTS, f"diagnose.{key}")
+    if not isinstance(free := options["free"], list | type(None)):
+        raise UserError("not a list of names", where="diagnose.free", received=repr(free), allowed=f"[{free}], or null")
     if not isinstance(options["log10_p"], int | float) or not -300 < options["log10_p"] < 0:
         raise UserError("impossible threshold", where="diagnose.log10_p", received=options["log10_p"],
                         allowed="a negative number, -2 for 1 %")  # fmt: skip

@@ -55,6 +55,7 @@ def test_what_is_no_mechanism_is_refused_with_how_to_make_one(log, call, given):
         (lambda m, log: fp.diagnose(m, log, start={"mu_c": -1}), "impossible value: start.mu_c is -1"),
         (lambda m, log: fp.diagnose(m, log, start={"foo": 1}), "unknown parameter: start.foo"),
         (lambda m, log: fp.diagnose(m, log, signals="x"), "not a list of signals"),
+        (lambda m, log: fp.diagnose(m, log, free="mu_c"), r"not a list of names: diagnose.free is 'mu_c'; .*\[mu_c\]"),
         (lambda m, log: fp.simulate(m, 3, TRIALS), "no table: truth is 3"),
         (lambda m, log: fp.simulate(m, VALUES, 3), "no trials to simulate"),
         (lambda m, log: fp.simulate(m, VALUES, TRIALS, rate_hz=None), "not a number: rate_hz is None"),
