@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -140,6 +141,8 @@ def train(
     """
     extensions.load(options.get("extensions", ()))
     overrides = [f"model={model}", *_overrides(options)]
+    if mechanism is not None:
+        _said_once(overrides)
     if mechanism is not None or recording is not None:
         overrides = [*_declared(mechanism_given(mechanism)), *overrides]
     if recording is not None:
@@ -240,6 +243,16 @@ def _declared(mechanism: Mechanism) -> list[str]:
     driven = [f"system.driven={list(system.driven)}"] if system.driven != type(system).driven else []
     return [f"system={system.name}", *options_of(mechanism.law), f"system.equations={system.equations}",
             *values, *imposed, *driven]  # fmt: skip
+
+
+def _said_once(overrides: Iterable[str]) -> None:
+    """Raise :class:`UserError` for an option that says of system and law something else than the mechanism."""
+    said = re.compile(r"(friction|system|system\.(parameters|equations|imposed|driven)(\.\w+)?)=")
+    for override in overrides:
+        if found := said.match(override):
+            raise UserError("system and law are those of the mechanism", where=found[0][:-1],
+                            received=override[found.end() :], allowed="left out beside a mechanism",
+                            fix="make the mechanism so, fp.mechanism(system, law)")  # fmt: skip
 
 
 def _new_folder(overrides: list[str], config_dir: str | Path | None) -> Path:

@@ -70,6 +70,11 @@ def test_what_is_no_mechanism_is_refused_with_how_to_make_one(log, call, given):
         (lambda m, log: fp.system("drive", imposed="no"), "not a switch: system.imposed is 'no'"),
         (lambda m, log: fp.system("double_pendulum", driven=1), "not a list of names: system.driven is 1"),
         (lambda m, log: fp.read([], "drive"), "not a file"),
+        (lambda m, log: fp.train(m, log, model="pe1", friction="lugre"), "those of the mechanism: friction is .?lugre"),
+        (
+            lambda m, log: fp.train(m, log, system={"parameters": {"M": 7.0}}),
+            "those of the mechanism: system.parameters",
+        ),
         (lambda m, log: fp.export(3, "c"), "no run: run is 3"),
         (lambda m, log: fp.export("nowhere", 3), "not a list of names: form is 3"),
     ],
