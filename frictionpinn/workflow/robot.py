@@ -23,14 +23,25 @@ from ..robots.least_squares import Solution
 from ..robots.recording import TORQUE_AT, robot_units
 from ..robots.rounds import Settings
 from ..show import plain, readable_unit
-from .build import Config
+from .build import Config, mapping
 from .configs import called
 from .manifest import write_json
 from .provenance import commit, versions
-from .robot_bench import Bench, bench, recorded
+from .robot_bench import Bench, bench, recorded, refuse_others
 from .vet import in_words
 
 log = logging.getLogger(__name__)
+# Of other systems: a robot's motion is taken as measured, its parameters' scales are found from the recording.
+FITS = {
+    "free": "hold parameters with friction.fixed, bodies with robot.inertia=known",
+    "fallback": "leave it out: what is left is told as a function of one variable",
+    "signals": "leave it out: torques are compared",
+    "windows": "leave it out: nothing is simulated",
+}
+LAW = {
+    "bounds": "give friction.start, or hold a parameter: friction.fixed.joint_2.mu_s=6",
+    "tie_sigma1": "leave it out",
+}
 LINKED = ("load_friction", "load_direction")  # friction of gears: a torque behind the gear does not hold it
 
 
@@ -68,6 +79,7 @@ def identify(cfg: Config, folder: Path) -> dict[str, Any]:
     Raises:
         UserError: anything that the user can mend.
     """
+    _refuse(cfg)
     b = bench(cfg)
     fitted, held_out = b.trials
     solution = run_identification(b.model, fitted)
@@ -107,7 +119,10 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
     Raises:
         UserError: anything that the user can mend.
     """
-    options, b = cfg["diagnose"], bench(cfg)
+    options = cfg["diagnose"]
+    refuse_others("diagnose", options, FITS)
+    _refuse(cfg)
+    b = bench(cfg)
     settings = _settings(cfg, options)
     fitted, held_out = b.trials
     log.info(
@@ -170,6 +185,13 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
         log.info(line)
     log.info(f"result.json, figures and the page report.html are in {folder}")
     return result
+
+
+def _refuse(cfg: Config) -> None:
+    """Raise :class:`UserError` for what other systems' laws have."""
+    friction = cfg["friction"]
+    bounds = {name: x for name, x in mapping(friction, "bounds", "friction").items() if x is not None}
+    refuse_others("friction", {**friction, "bounds": bounds}, LAW)
 
 
 def _settings(cfg: Config, options: Config) -> Settings:

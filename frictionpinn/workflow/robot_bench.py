@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +23,13 @@ from .diagnose import split
 from .vet import GO_ON, in_words
 
 log = logging.getLogger(__name__)
+# Options of other systems that would change what is fitted: of a robot nothing reads them.
+OTHERS = {
+    "gains": "name the columns data.columns.current, and one factor for each joint robot.gains",
+    "rate_hz": "leave it out: torques are thinned to what the low-pass leaves (robot.cutoff_hz)",
+    "validation": "say which trials take no part: data.held_out",
+    "training_trials": "say which trials take no part: data.held_out",
+}
 
 
 @dataclass(frozen=True)
@@ -45,6 +53,7 @@ def recorded(cfg: Config) -> tuple[Robot, Recording]:
     r, data = cfg["robot"], cfg["data"]
     choose(str(r["torque"]), TORQUE_AT, "robot.torque")
     public = data["name"] == "ur10e"
+    refuse_others("data", data, OTHERS)
     if data.get("for_system") not in (None, "robot") or data["name"] not in ("csv", "ur10e"):
         raise UserError(
             "data of another system",
@@ -68,6 +77,20 @@ def recorded(cfg: Config) -> tuple[Robot, Recording]:
         coupling=r["coupling"],
     )
     return robot, recording
+
+
+def refuse_others(section: str, options: Config, names: Mapping[str, str]) -> None:
+    """Raise :class:`UserError` for an option that nothing reads of a robot.
+
+    Args:
+        section: of the configuration.
+        options: in it.
+        names: of such options -> what to do instead.
+    """
+    for name, fix in names.items():
+        if options.get(name):
+            raise UserError("an option that a robot does not have", where=f"{section}.{name}", received=options[name],
+                            allowed="null", fix=fix)  # fmt: skip
 
 
 def bench(cfg: Config) -> Bench:

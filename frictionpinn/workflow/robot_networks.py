@@ -97,10 +97,6 @@ def _check(cfg: Config) -> None:
     if cfg["model"].get("memory", "windows") != "windows":
         raise UserError("a robot has networks of windows, one for each joint", where="model.memory",
                         received=cfg["model"]["memory"], allowed="windows")  # fmt: skip
-    for key in ("validation", "training_trials"):
-        if cfg["data"].get(key):
-            raise UserError("a robot's trials are fitted or held out", where=f"data.{key}", received=cfg["data"][key],
-                            allowed="none", fix="say which trials take no part: data.held_out")  # fmt: skip
 
 
 def _bench(cfg: Config, friction: Config, quiet: bool = False) -> Bench:

@@ -84,6 +84,11 @@ def test_an_arm_is_identified_by_command(folder):
         (["diagnose.declared=[magic]"], "unknown option: effects is 'magic'"),
         (["diagnose.effects=[magic]"], "unknown option: diagnose.effects is 'magic'"),
         (["robot.payload=loaded"], "not a list of trials"),
+        (["data.gains={tau: 5}"], "a robot does not have: data.gains is {'tau': 5}; allowed: null; name the columns"),
+        (["data.rate_hz=50"], "a robot does not have: data.rate_hz is 50"),
+        (["data.validation=[log]"], "a robot does not have: data.validation is ['log']"),
+        (["friction.bounds.joint_2.mu_c=[0.1,1]"], "a robot does not have: friction.bounds is {'joint_2'"),
+        (["diagnose.free=[mu_c]"], "a robot does not have: diagnose.free is ['mu_c']"),
         (["robot.inertia=some"], "unknown option: robot.inertia is 'some'"),
     ],
 )
