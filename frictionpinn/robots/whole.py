@@ -257,7 +257,7 @@ class Payload(Whole):
 
     def carried(self, trial: Prepared) -> bool:
         """Whether the trial may carry it."""
-        return self.trials is None or trial.name.partition("[")[0] in self.trials or trial.name in self.trials
+        return self.trials is None or any(carries(name, trial.name) for name in self.trials)
 
     def load(self, model, trial):
         values = np.array([model.values.get(name, 0.0) for name in self.parameters])
@@ -269,6 +269,11 @@ class Payload(Whole):
         if not self.carried(trial):
             return np.zeros_like(trial.q)
         return along * model.robot.payload_regressor(trial.full)[:, :, list(self.parameters).index(name)]
+
+
+def carries(suspected: str, trial: str) -> bool:
+    """Whether a trial is a suspected one, ``loaded[1]``, or a part of it, ``loaded``."""
+    return suspected in (trial, trial.partition("[")[0])
 
 
 class BaseTilt(Whole):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..data.findings import Finding
-from ..errors import UserError, choose
+from ..errors import UserError, choose, nearest
 from ..physics.base import contact_of, plain_name
 from ..physics.robot import INERTIAL, INERTIAL_UNITS
 from ..report.robot import draw, headline, in_text, rows, write_page
@@ -22,6 +23,7 @@ from ..robots.identify import relative_errors
 from ..robots.least_squares import Solution
 from ..robots.recording import TORQUE_AT, robot_units
 from ..robots.rounds import Settings
+from ..robots.whole import carries
 from ..show import plain, readable_unit
 from .build import Config, mapping
 from .configs import called
@@ -123,7 +125,7 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
     refuse_others("diagnose", options, FITS)
     _refuse(cfg)
     b = bench(cfg)
-    settings = _settings(cfg, options)
+    settings = _settings(cfg, options, b.fitted.names)
     fitted, held_out = b.trials
     log.info(
         f"diagnosing {b.robot.name} on {b.fitted.source}: fitted to {', '.join(b.fitted.names)}; held out: "
@@ -194,20 +196,24 @@ def _refuse(cfg: Config) -> None:
     refuse_others("friction", {**friction, "bounds": bounds}, LAW)
 
 
-def _settings(cfg: Config, options: Config) -> Settings:
+def _settings(cfg: Config, options: Config, trials: Sequence[str]) -> Settings:
     effects: tuple[str, ...] = AT_JOINTS
     robot: tuple[str, ...] = ON_ROBOT
     if options["effects"] != "all":
         known = dict.fromkeys((*AT_JOINTS, *ON_ROBOT))
-        names = [str(n).partition("@")[0] for n in options["effects"]]
+        names = [str(n) for n in options["effects"]]
         for name in names:
-            choose(name, known, "diagnose.effects")
+            choose(name, known, "diagnose.effects", "name effects alone: each is tried in every joint")
         effects, robot = (tuple(n for n in kinds if n in names) for kinds in (AT_JOINTS, ON_ROBOT))
     if not TORQUE_AT[cfg["robot"]["torque"]]:
         effects = tuple(n for n in effects if n not in LINKED)
     suspected = cfg["robot"]["payload"]
     if suspected is not None and not isinstance(suspected, list):
         raise UserError("not a list of trials", where="robot.payload", received=repr(suspected), allowed="[loaded]")
+    for name in suspected or ():
+        if not any(carries(str(name), trial) for trial in trials):
+            raise UserError("no such trial among those that are fitted", where="robot.payload", received=repr(name),
+                            allowed=", ".join(trials), fix=nearest(name, trials) or "use their names")  # fmt: skip
     return Settings(
         float(options["log10_p"]),
         float(options["worth"]),

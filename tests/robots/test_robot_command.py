@@ -89,6 +89,8 @@ def test_an_arm_is_identified_by_command(folder):
         (["data.validation=[log]"], "a robot does not have: data.validation is ['log']"),
         (["friction.bounds.joint_2.mu_c=[0.1,1]"], "a robot does not have: friction.bounds is {'joint_2'"),
         (["diagnose.free=[mu_c]"], "a robot does not have: diagnose.free is ['mu_c']"),
+        (["robot.payload=[loaded]"], "robot.payload is 'loaded'; allowed: log"),
+        (["diagnose.effects=[drag@joint_2]"], "diagnose.effects is 'drag@joint_2'"),
         (["robot.inertia=some"], "unknown option: robot.inertia is 'some'"),
     ],
 )
