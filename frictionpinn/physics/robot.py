@@ -96,13 +96,16 @@ class Robot:
                 where = "robot.locked" if name in locked else "robot.joints"
                 raise UserError("unknown joint", where=where, received=repr(name), allowed=", ".join(known),
                                 fix=nearest(name, known) or "use a joint of the file that is not fixed")  # fmt: skip
+        if twice := sorted({n for n in joints or () if list(joints or ()).count(n) > 1}):
+            raise UserError("joint named twice", where="robot.joints", received=", ".join(twice),
+                            fix="name each once, in the order of the columns")  # fmt: skip
         if both := set(locked) & set(joints or ()):
             raise UserError("joint both recorded and locked", where="robot.locked", received=", ".join(sorted(both)),
                             fix="name it once")  # fmt: skip
         wanted = [n for n in (joints or known) if n not in locked]
         reference = pin.neutral(model)
         for name, position in locked.items():
-            if isinstance(position, bool) or not isinstance(position, int | float):
+            if isinstance(position, bool) or not isinstance(position, int | float) or not np.isfinite(position):
                 raise UserError("not a number", where=f"robot.locked.{name}", received=repr(position),
                                 allowed="where the joint stays, rad or m")  # fmt: skip
             own = model.joints[model.getJointId(name)]
@@ -118,7 +121,7 @@ class Robot:
                             allowed="joints that turn about or slide along one axis",
                             fix="name the recorded ones in robot.joints")  # fmt: skip
         if gravity is not None:
-            model.gravity.linear = np.asarray(gravity, float)
+            model.gravity.linear = _direction(gravity)
         return cls(model.name or path.stem, tuple(wanted), model)
 
     @cached_property
@@ -238,6 +241,18 @@ class Robot:
         """Whether a joint turns (rad, N m); others slide (m, N), shape (joints,)."""
         kinds = [self.model.joints[self.model.getJointId(n)].shortname() for n in self.joints]
         return np.array(["JointModelP" not in kind for kind in kinds])
+
+
+def _direction(gravity: Sequence[float]) -> np.ndarray:
+    """Gravity, shape (3,)."""
+    try:
+        direction = np.asarray(gravity, float)
+    except (TypeError, ValueError):
+        direction = np.empty(0)
+    if direction.shape != (3,) or not np.isfinite(direction).all():
+        raise UserError("not a direction", where="robot.gravity", received=repr(gravity),
+                        allowed="three numbers, m/s^2 in the frame of the base, [0, 0, -9.81]")  # fmt: skip
+    return direction
 
 
 def _place(nq: int, position: Any) -> np.ndarray:
