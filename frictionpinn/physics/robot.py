@@ -207,9 +207,19 @@ class Robot:
 
     def payload_regressor(self, regressor: np.ndarray) -> np.ndarray:
         """Columns of mass and first moments that are carried by the last body, in the frame of its joint, shape
-        (n, joints, 4): a payload is a body fixed to it."""
-        last = 10 * (self.model.getJointId(self.joints[-1]) - 1)
+        (n, joints, 4): a payload is a body fixed to it. The last of the chain, whatever the order of ``joints``."""
+        last = 10 * (self.model.njoints - 2)
         return regressor[:, :, last : last + 4]
+
+    @cached_property
+    def neighbours(self) -> tuple[tuple[int, ...], ...]:
+        """Of each joint those next to it in the chain: the one that carries it, and those that it carries."""
+        ids = [self.model.getJointId(name) for name in self.joints]
+        parents = [self.model.parents[own] for own in ids]
+        return tuple(
+            tuple(n for n, other in enumerate(ids) if other == parents[k] or parents[n] == own)
+            for k, own in enumerate(ids)
+        )
 
     # what the file says ----------------------------------------------------------------------------------------
     @cached_property

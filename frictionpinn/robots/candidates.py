@@ -196,8 +196,7 @@ def on_robot(model: Model, names: Sequence[str], suspected: tuple[str, ...] | No
         if "coupling" in names:
             made += [
                 Term(f"coupling@{joint} ({joints[n]})", whole=Coupling(joint, joints[n]))
-                for n in (k - 1, k + 1)
-                if 0 <= n < len(joints)
+                for n in model.robot.neighbours[k]
             ]
     if "payload" in names:
         made.append(Term("payload", whole=Payload(suspected)))

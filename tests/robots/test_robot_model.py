@@ -53,7 +53,16 @@ def test_joints_come_in_the_order_of_the_columns(tmp_path):
     order = [2, 0, 1]
     own = turned.inverse_dynamics(q[:, order], v[:, order], a[:, order])
     np.testing.assert_allclose(own, plain.inverse_dynamics(q, v, a)[:, order], atol=1e-12)
-    assert turned.limits["velocity"].tolist() == [3, 3, 3]
+    assert plain.neighbours == ((1,), (0, 2), (1,)) and turned.neighbours == ((2,), (2,), (0, 1))
+    carried = turned.payload_regressor(turned.regressor(q[:, order], v[:, order], a[:, order]))
+    np.testing.assert_allclose(carried, plain.payload_regressor(plain.regressor(q, v, a))[:, order], atol=1e-12)
+
+
+def test_limits_come_in_the_order_of_the_columns(tmp_path):
+    path = urdf(tmp_path)
+    path.write_text(path.read_text().replace('effort="80" velocity="3"', 'effort="20" velocity="1"', 1))
+    limits = Robot.read(path, joints=["j3", "j1", "j2"]).limits
+    assert limits["velocity"].tolist() == [3, 1, 3] and limits["effort"].tolist() == [80, 20, 80]
 
 
 def test_gravity_enters_by_its_direction(tmp_path):
