@@ -63,7 +63,8 @@ def read_robot(
         robot: that they are of.
         columns: ``t``, and for each kind of signal (q, v, tau or current, temperature) a list of columns by joint or a
             pattern with a star for the joint's number, ``actual_q_*``. None: columns named q_1, v_1, tau_1.
-        units: kind or signal -> unit of its columns; ``default`` covers the others. None: SI.
+        units: kind or signal -> unit of its columns, of a signal rather than of its kind; ``default`` covers the
+            others. None: SI.
         trial_column: column that names the trials; None: each file is one.
         gains, gear, coupling: see :func:`torques`.
 
@@ -72,7 +73,7 @@ def read_robot(
     """
     wanted, files = robot_units(robot), find_files(paths)
     present = columns_of(files[0])
-    table = _columns(columns, present, len(robot.joints), str(files[0]))
+    table = _columns(columns, present, robot.joints, str(files[0]))
     if trial_column not in (None, "trial", *present):
         raise UserError(
             "unknown column",
@@ -82,7 +83,7 @@ def read_robot(
             fix=nearest(trial_column, present),
         )
     given: dict[str, str] = {}
-    for name, unit in (units or {"default": "SI"}).items():
+    for name, unit in sorted((units or {"default": "SI"}).items(), key=lambda item: item[0] not in KINDS):
         own = [f"{name}_{k + 1}" for k in range(len(robot.joints))] if name in KINDS else [name]
         given |= {n: unit for n in own if n in table or n in ("t", "default") or n not in wanted}
     recording = read_recording(
@@ -172,8 +173,11 @@ def torques(
     return replace(recording, trials=tuple(trials), units={name: units[name] for name in trials[0].signals})
 
 
-def _columns(given: Mapping[str, Any] | None, present: Sequence[str], count: int, where: str) -> dict[str, str]:
-    """Signal -> column."""
+def _columns(
+    given: Mapping[str, Any] | None, present: Sequence[str], names: Sequence[str], where: str
+) -> dict[str, str]:
+    """Signal -> column, of joints of these names."""
+    count = len(names)
     if given is None and present[:1] == ["c1"]:
         raise UserError(
             "no header row",
@@ -197,9 +201,19 @@ def _columns(given: Mapping[str, Any] | None, present: Sequence[str], count: int
             table[kind] = str(columns)
             continue
         choose(kind, KINDS, "data.columns")
-        if isinstance(columns, str):
+        if isinstance(columns, str) and "*" not in columns:
+            columns = [columns]
+        elif isinstance(columns, str):
             first = 0 if columns.replace("*", "0") in present else 1
-            columns = [columns.replace("*", str(first + k)) for k in range(count)]
+            pattern, columns = columns, [columns.replace("*", str(first + k)) for k in range(count)]
+            if (more := pattern.replace("*", str(first + count))) in present:
+                raise UserError(
+                    "more columns than joints",
+                    where=f"data.columns.{kind}",
+                    received=f"{columns[0]} to {more} at least",
+                    allowed=f"{count} columns: {', '.join(names)}",
+                    fix=f"name them in the order of the joints: data.columns={{t: {table['t']}, {kind}: [...], ...}}",
+                )
         if not isinstance(columns, list | tuple) or len(columns) != count:
             raise UserError(
                 "not one column for each joint",

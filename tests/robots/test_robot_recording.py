@@ -58,6 +58,23 @@ def test_degrees_are_a_unit_and_angles_that_wrap_are_unwrapped(tmp_path, robot):
     np.testing.assert_allclose(np.diff(recording.trials[0].signals["q_1"]), 0.04, atol=1e-9)
 
 
+def test_a_unit_of_one_signal_goes_before_that_of_its_kind_in_either_order(tmp_path, robot):
+    path = log(tmp_path, pos_2=np.degrees(np.sin(3 * np.arange(200) / 100)))
+    for units in ({"q_3": "deg", "q": "rad", "default": "SI"}, {"q": "rad", "q_3": "deg", "default": "SI"}):
+        (trial,) = read_robot(path, robot, columns=COLUMNS, units=units, gains=[1, 1, 1]).trials
+        np.testing.assert_allclose(trial.signals["q_3"], np.sin(3 * trial.t), atol=1e-9)
+
+
+def test_a_pattern_that_finds_more_columns_than_joints_is_refused(tmp_path, robot):
+    """Which of them were left out it cannot know: of a joint that is locked in the middle all behind would move up."""
+    path = log(tmp_path, pos_3=np.arange(200) / 100, cur_3=np.ones(200))
+    with pytest.raises(UserError, match=r"more columns than joints: data.columns.q is pos_0 to pos_3 .* j1, j2, j3;"):
+        read_robot(path, robot, columns=COLUMNS, gains=[1, 1, 1])
+    listed = {"t": "time", "q": ["pos_0", "pos_2", "pos_3"], "current": ["cur_0", "cur_2", "cur_3"]}
+    (trial,) = read_robot(path, robot, columns=listed, gains=[1, 1, 1]).trials
+    np.testing.assert_allclose(trial.signals["q_3"], trial.t)
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -67,6 +84,10 @@ def test_degrees_are_a_unit_and_angles_that_wrap_are_unwrapped(tmp_path, robot):
         ({"columns": {"t": "time", "q": "pos_*", "tau": "cur_*"}, "gains": [1, 1, 1]}, "gains for torques that were"),
         ({"columns": {"t": "time", "q": "pos_*"}}, "no torques in the recording"),
         ({"columns": {"t": "time", "tau": "cur_*"}}, "no positions in the recording"),
+        (
+            {"columns": COLUMNS | {"q": "pos_0"}, "gains": [1, 1, 1]},
+            "not one column for each joint: data.columns.q is ['pos",
+        ),
         ({"columns": {"t": "clock", "q": "pos_*"}}, "no time: data.columns.t is 'clock'"),
         ({"columns": {"t": "time", "p": "pos_*"}}, "unknown option: data.columns is 'p'"),
         ({"gains": [1, 1, 1], "coupling": [[1, 0], [0, 1]]}, "impossible coupling"),
