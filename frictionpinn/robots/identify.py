@@ -101,6 +101,13 @@ def declare(
     return replace(model, values=values, free=tuple(free), priors=priors)
 
 
+def without_motors(model: Model) -> Model:
+    """The model of torques that were measured behind the gears: they hold no motor's inertia, the file's neither."""
+    armatures = [f"armature.{name}" for name in model.names]
+    values = {**model.values, **dict.fromkeys(armatures, 0.0)}
+    return replace(model, values=values, free=tuple(n for n in model.free if n not in armatures))
+
+
 def _usual(par) -> float:
     """A value to begin with, before any recording was seen."""
     if par.value is not None:

@@ -15,7 +15,7 @@ from ..physics import LAWS
 from ..physics.robot import Base, Robot
 from ..robots.balance import Model
 from ..robots.check import inspect_robot
-from ..robots.identify import declare, joint_effect
+from ..robots.identify import declare, joint_effect, without_motors
 from ..robots.motion import Prepared, prepare
 from ..robots.recording import TORQUE_AT, joint_names, read_robot
 from .build import Config, mapping
@@ -145,7 +145,7 @@ def _declared(cfg: Config, robot: Robot, base: Base, motor: bool) -> Model:
     if motor:
         return model
     log.warning("robot.torque=link: torques behind the gear hold the friction of bearings alone, not of motor and gear")
-    return replace(model, free=tuple(n for n in model.free if not n.startswith("armature.")))
+    return without_motors(model)
 
 
 def _flat(table: dict[str, Any]) -> dict[str, float]:

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import urdf
+from arms import mjcf, urdf
 
 pytest.importorskip("pinocchio")
 
 from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.physics import LAWS
+from frictionpinn.physics.friction import CONTACT_LAWS
 from frictionpinn.physics.robot import Base, Robot
 from frictionpinn.robots.balance import friction_of
 from frictionpinn.robots.check import inspect_robot
@@ -22,6 +23,7 @@ from frictionpinn.robots.identify import (
     joint_effect,
     narrowed,
     relative_errors,
+    without_motors,
 )
 from frictionpinn.robots.least_squares import solve
 from frictionpinn.robots.motion import cutoff, fitted_smoothers, prepare
@@ -91,6 +93,15 @@ def test_an_arm_is_identified_with_intervals_that_hold_the_truth(robot):
         assert abs(values[name] - value) < 4 * solution.errors[name] + 0.02 * value, name
     assert relative_errors(solution.model, trials)["run"].max() < 0.03  # noise: 2 % of the torque, and of positions
     assert independent_armatures(robot, base) == [2]
+
+
+def test_torques_behind_the_gears_hold_no_inertia_of_motors(tmp_path):
+    robot = Robot.read(mjcf(tmp_path))
+    base = Base.of(robot)
+    (trial,) = prepare(recorded(robot, duration=8.0), robot, base, 15.0)
+    model = without_motors(declare(robot, base, CONTACT_LAWS["none"](), inertia="known"))
+    load = trial.filtered(trial.full @ robot.inertial)
+    np.testing.assert_allclose(model.recorded(trial), load, atol=1e-9 * np.abs(load).max())
 
 
 def test_load_dependence_is_estimated_without_bias_where_the_inertia_is_free(robot):
