@@ -58,8 +58,8 @@ def declare(
         effects: at every joint, or joint -> names.
         inertia: "free" (base parameters estimated), "known" (those of the file) or "prior" (estimated, held to the
             file's by a normal prior of 30 %); motors' inertias are estimated unless the file has them and is "known".
-        fixed, start: parameters by full name (``joint_2.mu_c``) or for every joint (``v_s``), SI units: held, or where
-            the search begins.
+        fixed, start: parameters by full name (``joint_2.mu_c``, ``armature.joint_2``) or for every joint (``v_s``), SI
+            units: held, or where the search begins.
 
     Raises:
         UserError: an unknown effect, joint or parameter.
@@ -77,27 +77,28 @@ def declare(
     model = Model(robot, base, tuple(each), at_joints)
     values = {f"inertia.{n}": float(b) for n, b in zip(base.names, base.values(robot.inertial), strict=True)}
     values |= {f"armature.{n}": float(i) for n, i in zip(names, robot.armature, strict=True)}
+    held, start = dict(fixed or {}), dict(start or {})
+    values |= {n: float(x) for n, x in {**start, **held}.items() if n in values}
     free = [] if inertia == KNOWN else [f"inertia.{n}" for n in base.names]
-    own = independent_armatures(robot, base) if inertia != KNOWN else range(len(names))
-    free += [f"armature.{names[k]}" for k in own if not (inertia == KNOWN and robot.armature.any())]
+    apart = independent_armatures(robot, base) if inertia != KNOWN else range(len(names))
+    free += [f"armature.{names[k]}" for k in apart if not (inertia == KNOWN and robot.armature.any())]
+    free = [n for n in free if n not in held]
+    plain = set()
     for k in range(len(names)):
         for full, par in model.parameters(k).items():
-            given = {**(start or {}), **(fixed or {})}
-            value = given.get(full, given.get(par.name))
+            plain.add(par.name)
+            value = next((x[n] for x in (held, start) for n in (full, par.name) if n in x), None)
             values[full] = float(_usual(par) if value is None else value)
-            held = full in (fixed or {}) or par.name in (fixed or {})
-            if not (held or par.hidden or par.name == "preload" or (par.value is not None and par.neutral is None)):
+            known = full in held or par.name in held
+            if not (known or par.hidden or par.name == "preload" or (par.value is not None and par.neutral is None)):
                 free.append(full)
-    known = {*values, *(n.rpartition(".")[2] for n in values)}
-    for key, asked in (("fixed", fixed), ("start", start)):
-        for full in asked or {}:
-            choose(full, dict.fromkeys(known), f"friction.{key}")
+    for key, asked in (("fixed", held), ("start", start)):
+        for full in asked:
+            choose(full, dict.fromkeys([*values, *plain]), f"friction.{key}")
     priors = {}
     if inertia == PRIOR:
-        priors = {
-            f"inertia.{n}": (values[f"inertia.{n}"], s)
-            for n, s in zip(base.names, _file_errors(robot, base), strict=True)
-        }
+        own = zip(base.names, base.values(robot.inertial), _file_errors(robot, base), strict=True)
+        priors = {f"inertia.{n}": (float(centre), s) for n, centre, s in own if f"inertia.{n}" in free}
     return replace(model, values=values, free=tuple(free), priors=priors)
 
 
@@ -216,6 +217,8 @@ def _best_start(model: Model, k: int, trials: Sequence[Prepared], first: Solutio
     # A wide Stribeck curve may have taken all of the Coulomb friction.
     told = [plain["mu_c"], *(n for n in [plain.get("mu_s")] if n in first.model.free)]
     level = max(1e-3, *(first.model.values[n] for n in told))
+    if (static := plain.get("mu_s", "")) and static not in model.free:
+        level = min(level, model.values[static])
     speeds = [s * fastest for s in STRIBECK] if "v_s" in plain and plain["v_s"] in model.free else [None]
     lengths = BRISTLE if "sigma_0" in plain and plain["sigma_0"] in model.free else [None]
     dithers = [s * fastest for s in SEEN] if DITHER in plain and plain[DITHER] in model.free else [None]

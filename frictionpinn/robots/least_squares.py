@@ -207,6 +207,8 @@ def _moved(model: Model, step: np.ndarray) -> Model:
         if plain_name(name) == "mu_c":
             values[name] = max(values[name], 1e-6)
             static = at_contact(contact_of(name), "mu_s")
-            if static in values:
+            if static in table and static not in model.free:
+                values[name] = min(values[name], values[static])
+            elif static in values:
                 values[static] = max(values[static], values[name])
     return replace(model, values=values)

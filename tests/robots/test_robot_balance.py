@@ -9,6 +9,7 @@ from arms import mjcf, urdf
 pytest.importorskip("pinocchio")
 
 from frictionpinn.data.recording import Recording, Trial
+from frictionpinn.errors import UserError
 from frictionpinn.physics import LAWS
 from frictionpinn.physics.friction import CONTACT_LAWS
 from frictionpinn.physics.robot import Base, Robot
@@ -93,6 +94,20 @@ def test_an_arm_is_identified_with_intervals_that_hold_the_truth(robot):
         assert abs(values[name] - value) < 4 * solution.errors[name] + 0.02 * value, name
     assert relative_errors(solution.model, trials)["run"].max() < 0.03  # noise: 2 % of the torque, and of positions
     assert independent_armatures(robot, base) == [2]
+
+
+def test_what_is_fixed_stays_where_it_is(robot):
+    base, trials = ready(robot, recorded(robot, duration=8.0))
+    fixed = {"armature.joint_3": 0.1, "joint_1.mu_s": 3.0, "v_s": 0.1}  # 3 N m: below the Coulomb friction of the arm
+    start = {"joint_2.v_s": 0.7, "armature.joint_3": 5.0}
+    model = declare(robot, base, LAWS["stribeck"](), fixed=fixed, start=start)
+    solution = identify(model, trials)
+    values = solution.model.values
+    assert values["armature.joint_3"] == 0.1 and values["joint_2.v_s"] == 0.1
+    assert values["joint_1.mu_s"] == 3.0 >= values["joint_1.mu_c"]
+    assert not {"armature.joint_3", "joint_1.mu_s", "joint_2.v_s"} & {*solution.model.free}
+    with pytest.raises(UserError, match=r"friction\.fixed is 'Izz'"):
+        declare(robot, base, LAWS["stribeck"](), fixed={"Izz": 1.0})
 
 
 def test_torques_behind_the_gears_hold_no_inertia_of_motors(tmp_path):
