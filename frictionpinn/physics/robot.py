@@ -228,6 +228,11 @@ class Robot:
         return np.concatenate([inertia.toDynamicParameters() for inertia in list(self.model.inertias)[1:]])
 
     @cached_property
+    def massless(self) -> tuple[str, ...]:
+        """Joints that move no mass of their own by the file, in its order."""
+        return tuple(name for name, m in zip(list(self.model.names)[1:], self.inertial[::10], strict=True) if not m > 0)
+
+    @cached_property
     def inertial_names(self) -> tuple[str, ...]:
         """Names of the inertial parameters, ``joint_2.mx``: of the body that the joint moves."""
         return tuple(f"{name}.{par}" for name in list(self.model.names)[1:] for par in INERTIAL)

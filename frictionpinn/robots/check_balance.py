@@ -72,7 +72,7 @@ def torque_columns(robot: Robot, trials: Sequence[Prepared]) -> list[np.ndarray]
 
 def balance_findings(robot: Robot, trials: Sequence[Prepared], motor: bool) -> list[Finding]:
     """Torques against the motion, joint by joint."""
-    if not robot.inertial[::10].sum() > 0:
+    if len(robot.massless) == len(robot.joints):
         return [Finding("the robot file has no masses: torques could not be held against the motion")]
     columns, tau = torque_columns(robot, trials), np.concatenate([t.tau for t in trials])
     own = [regress(C, tau[:, k], APART) for k, C in enumerate(columns)]
@@ -102,6 +102,13 @@ def balance_findings(robot: Robot, trials: Sequence[Prepared], motor: bool) -> l
         )
     if findings:
         return findings
+    if robot.massless:
+        findings.append(
+            Finding(
+                f"the robot file gives no mass to what {listed(robot.massless)} move{'s' * (len(robot.massless) == 1)}",
+                "add its <inertial>; robot.inertia=free estimates it",
+            )
+        )
     if leaning := _leaning(robot, trials, columns, tau, own):
         return [leaning]
     for k, f in enumerate(own):

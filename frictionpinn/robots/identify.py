@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from ..errors import choose
+from ..errors import UserError, choose
 from ..physics import LAWS, FrictionLaw, beforehand
 from ..physics.base import at_contact
 from ..physics.effect import Effect
@@ -97,6 +97,10 @@ def declare(
             choose(full, dict.fromkeys([*values, *plain]), f"friction.{key}")
     priors = {}
     if inertia == PRIOR:
+        if robot.massless:
+            raise UserError("bodies without a mass cannot be a prior", where="robot.file",
+                            received=f"no mass behind {', '.join(robot.massless)}", allowed="masses of all bodies",
+                            fix="add their <inertial>, or say robot.inertia=free")  # fmt: skip
         own = zip(base.names, base.values(robot.inertial), _file_errors(robot, base), strict=True)
         priors = {f"inertia.{n}": (float(centre), s) for n, centre, s in own if f"inertia.{n}" in free}
     return replace(model, values=values, free=tuple(free), priors=priors)
