@@ -16,6 +16,8 @@ from .findings import NO_SLIP, Finding
 from .recording import Recording
 from .thresholds import AT_REST, HELD, LEVELS, NEAR_END, ONE_WAY, PILED, SURE, TURNS
 
+ROUNDED = 1e-6  # of a step: even grids interpolate
+
 
 def channel_findings(system: System, recording: Recording, trials: Sequence[Sampled]) -> list[Finding]:
     """Findings of every signal of the system by itself."""
@@ -85,10 +87,15 @@ def _held(at: np.ndarray) -> np.ndarray:
 
 
 def _moves_while(name: str, end: float, companion: str, trials: Sequence[Sampled]) -> bool:
-    """Whether the rate of a signal says that it moves while the signal holds its end; True where nothing says so."""
+    """Whether a signal's rate moves while the signal holds its end; without one, whether it runs into its end as what
+    is cut off does: what comes to rest there slows down before."""
     rates = [(t.signals[companion], t.signals[name] == end) for t in trials if {name, companion} <= set(t.signals)]
     if not rates:
-        return True
+        parts = [np.asarray(t.signals[name], float) for t in trials if name in t.signals]
+        steps = np.concatenate([np.abs(np.diff(part)) for part in parts])
+        whole = float(np.sqrt(np.mean(steps[steps > 0] ** 2)))
+        into = np.concatenate([np.diff(np.abs(part - end) < ROUNDED * whole) for part in parts])
+        return not into.any() or float(np.median(steps[into])) > AT_REST * whole
     rate, at = (np.concatenate(column) for column in zip(*rates, strict=True))
     whole = float(np.sqrt(np.mean(rate**2)))
     return bool(at.any() and np.sqrt(np.mean(rate[at] ** 2)) > AT_REST * whole)

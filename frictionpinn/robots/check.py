@@ -29,6 +29,7 @@ from .recording import robot_units
 
 LIMIT = 3.0  # times a limit of the file: makers allow overload for moments, and users write limits of their own
 MOVES = 0.02  # rad or m between the ends of its motion, less of which is a joint that stands still: 1 degree
+MOST = (0.01, 0.99)  # quantiles of a position that are the ends of its motion: a spike is none
 UNTOLD = 1e-4  # of the largest singular value of scaled columns: a parameter there is known a hundred times worse
 USUAL_LOAD = 0.05  # friction by transmitted torque in gears
 SEEN = 0.01  # of the friction: a change below is none
@@ -111,12 +112,10 @@ def _alike(robot: Robot, recording: Recording) -> list[Finding]:
 
 def _standing(robot: Robot, recording: Recording) -> list[Finding]:
     """Joints that do not move, or one way only."""
-    speeds = []
-    for k in range(1, len(robot.joints) + 1):
-        speeds.append(np.concatenate([np.gradient(t.signals[f"q_{k}"], t.t) for t in recording.trials]))
-    moved = [float(np.median(np.abs(v))) + float(np.abs(np.mean(v))) for v in speeds]
-    ranges = [max(float(np.ptp(t.signals[f"q_{k + 1}"])) for t in recording.trials) for k in range(len(speeds))]
-    still = [f"joint_{k + 1}" for k, (m, r) in enumerate(zip(moved, ranges, strict=True)) if r < MOVES or m < 1e-9]
+    names = [f"q_{k + 1}" for k in range(len(robot.joints))]
+    speeds = [np.concatenate([np.gradient(t.signals[n], t.t) for t in recording.trials]) for n in names]
+    ends = [[np.quantile(t.signals[n], MOST) for t in recording.trials] for n in names]
+    still = [f"joint_{k + 1}" for k, own in enumerate(ends) if max(high - low for low, high in own) < MOVES]
     findings = []
     if len(still) == len(speeds):
         return [Finding(f"{NO_SLIP}: no joint moves", "check the columns of q", grave=True)]

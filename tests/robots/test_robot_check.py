@@ -43,6 +43,21 @@ def test_the_check_says_what_is_wrong_with_a_log(robot, said):
     assert any(part in str(f) for f in findings for part in said.split("|")), [str(f) for f in findings]
 
 
+def test_motions_from_point_to_point_are_no_joints_that_stand_and_no_clipped_positions(robot):
+    """Most of the time at rest, where an encoder shows one number, and back at the end: no speed in median and mean."""
+    recording = recorded(robot)
+    (trial,) = recording.trials
+    signals, t = dict(trial.signals), trial.t
+    for k in range(1, 4):
+        u = np.clip((np.abs((t + 0.3 * k) % 6 - 3) - 1.1) / 0.8, 0, 1)  # rests 2.2 s at either end, 0.8 s between
+        signals[f"q_{k}"] = 1e-4 * np.round(0.3 * k * u**3 * (10 - 15 * u + 6 * u**2) / 1e-4)
+    said = [str(f) for f in inspect_robot(robot, replace(recording, trials=(replace(trial, signals=signals),)))]
+    assert not any(part in line for line in said for part in ("moves", "clipped")), said
+    cut = signals | {"q_2": np.clip(trial.signals["q_2"], -0.2, 0.2)}
+    said = [str(f) for f in inspect_robot(robot, replace(recording, trials=(replace(trial, signals=cut),)))]
+    assert any("q_2 stays at its very end" in line and "clipped" in line for line in said), said
+
+
 def test_a_body_without_a_mass_is_told_and_is_no_prior(tmp_path, robot):
     path = urdf(tmp_path)
     text = path.read_text()
