@@ -113,7 +113,8 @@ def prepare(
             allowed=f"above 0 and up to {2 * highest:.3g} Hz, a fifth of the sampling rate",
             fix="leave it out",
         )
-    return [_prepared(trial, robot, base, hz, smoothers, _mean_covariate(common)) for trial in recording.trials]
+    mean = _mean_covariate(common, len(robot.joints))
+    return [_prepared(trial, robot, base, hz, smoothers, mean) for trial in recording.trials]
 
 
 def rate_of(trial: Trial) -> float:
@@ -219,8 +220,8 @@ def _prepared(
     return Prepared(trial.name, t, session, q, v, a, base.reduced(full), tau, covariate, 1 / rate, hz, keep, full)
 
 
-def _mean_covariate(recording: Recording) -> np.ndarray | None:
-    names = [name for name in recording.units if name.startswith("temperature_")]
-    if not names:
+def _mean_covariate(recording: Recording, joints: int) -> np.ndarray | None:
+    names = [f"temperature_{k}" for k in range(1, joints + 1)]
+    if not any(name in recording.units for name in names):
         return None
-    return np.array([np.mean(np.concatenate([t.signals[name] for t in recording.trials])) for name in sorted(names)])
+    return np.array([np.mean(np.concatenate([t.signals[name] for t in recording.trials])) for name in names])

@@ -231,4 +231,13 @@ def _columns(
             allowed="q for every joint",
             fix="name them: data.columns={..., q: [...]}",
         )
+    lacking = [name for k in range(count) if (name := f"temperature_{k + 1}") not in table]
+    if 0 < len(lacking) < count:
+        raise UserError(
+            "temperatures of some joints alone",
+            where="data.columns",
+            received=f"without {lacking[0]}",
+            allowed="one column for each joint, or none",
+            fix="name the nearest one there is more than once: data.columns={..., temperature: [...]}",
+        )
     return table

@@ -9,7 +9,8 @@ from frictionpinn.errors import UserError
 
 pytest.importorskip("pinocchio")
 
-from frictionpinn.physics.robot import Robot
+from frictionpinn.physics.robot import Base, Robot
+from frictionpinn.robots.motion import prepare
 from frictionpinn.robots.recording import read_robot
 
 
@@ -75,6 +76,22 @@ def test_a_pattern_that_finds_more_columns_than_joints_is_refused(tmp_path, robo
     np.testing.assert_allclose(trial.signals["q_3"], trial.t)
 
 
+def test_one_temperature_may_stand_for_all_joints_and_each_is_less_its_own_mean(tmp_path):
+    """Of twelve joints, more than digits: temperature_10 is not that of the second."""
+    links = "".join(
+        f'<link name="l{k}"/><joint name="j{k}" type="continuous"><parent link="l{k - 1}"/><child link="l{k}"/>'
+        '<axis xyz="0 0 1"/></joint>' for k in range(1, 13))  # fmt: skip
+    (tmp_path / "snake.urdf").write_text(f'<robot name="snake"><link name="l0"/>{links}</robot>')
+    robot, t = Robot.read(tmp_path / "snake.urdf"), np.arange(400) / 100
+    table = {"t": t} | {f"{kind}_{k}": np.sin(t + k) for kind in ("q", "tau") for k in range(1, 13)}
+    warm = {f"temperature_{k}": k + t for k in range(1, 13)}
+    for more, columns in ((warm, None), ({"T": t}, {"t": "t", "q": "q_*", "tau": "tau_*", "temperature": ["T"] * 12})):
+        pd.DataFrame(table | more).to_csv(tmp_path / "log.csv", index=False)
+        recording = read_robot(tmp_path / "log.csv", robot, columns=columns)
+        (trial,) = prepare(recording, robot, Base.of(robot), 5.0)
+        np.testing.assert_allclose(trial.covariate, np.tile(trial.t[:, None] - t.mean(), 12), atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -87,6 +104,10 @@ def test_a_pattern_that_finds_more_columns_than_joints_is_refused(tmp_path, robo
         (
             {"columns": COLUMNS | {"q": "pos_0"}, "gains": [1, 1, 1]},
             "not one column for each joint: data.columns.q is ['pos",
+        ),
+        (
+            {"columns": COLUMNS | {"temperature_2": "cur_0"}, "gains": [1, 1, 1]},
+            "data.columns is without temperature_1;",
         ),
         ({"columns": {"t": "clock", "q": "pos_*"}}, "no time: data.columns.t is 'clock'"),
         ({"columns": {"t": "time", "p": "pos_*"}}, "unknown option: data.columns is 'p'"),
