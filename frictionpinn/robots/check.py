@@ -52,9 +52,14 @@ def inspect_robot(robot: Robot, recording: Recording, motor: bool = True) -> lis
     findings += _alike(robot, recording)
     findings += _standing(robot, recording)
     if not any(f.grave for f in findings):
+        part = _shortened(recording)
         try:
-            trials = prepare(_shortened(recording), robot, Base.of(robot))
+            trials = prepare(part, robot, Base.of(robot))
         except UserError as error:
+            if len(part) < len(recording):  # as long as is looked at, and still too short
+                fix = "if t is in ms say data.units={t: ms, default: SI}; else leave out where the robot rests"
+                slow = Finding(f"within {LONGEST_S:g} s hardly anything moves", fix, grave=True)
+                return [*findings, slow]
             return [*findings, Finding(str(error), grave=True)]
         findings += _limits(robot, trials)
         if not any(f.grave for f in findings):

@@ -58,6 +58,15 @@ def test_motions_from_point_to_point_are_no_joints_that_stand_and_no_clipped_pos
     assert any("q_2 stays at its very end" in line and "clipped" in line for line in said), said
 
 
+def test_a_clock_in_milliseconds_is_told(robot):
+    recording = recorded(robot)
+    (trial,) = recording.trials
+    (found,) = [
+        f for f in inspect_robot(robot, replace(recording, trials=(replace(trial, t=1e3 * trial.t),))) if f.grave
+    ]
+    assert "data.units={t: ms, default: SI}" in str(found)
+
+
 def test_a_body_without_a_mass_is_told_and_is_no_prior(tmp_path, robot):
     path = urdf(tmp_path)
     text = path.read_text()
