@@ -254,7 +254,8 @@ def left_figure(d: RobotDiagnosis) -> Figure:
     for ax, (joint, rest) in zip(figure.subplots(len(d.rest), 1, squeeze=False)[:, 0], d.rest.items(), strict=True):
         ax.plot(rest.x, rest.y, color=INK["model"])
         ax.axhline(0.0, color=INK["reference"], lw=0.8)
-        ax.set(xlabel=rest.variables[0], ylabel=f"{joint.replace('_', ' ')} (N m)", title=left_in_words(rest))
+        force = "N m" if d.fit.model.robot.turns[d.fit.model.names.index(joint)] else "N"
+        ax.set(xlabel=rest.variables[0], ylabel=f"{joint.replace('_', ' ')} ({force})", title=left_in_words(rest))
         ax.title.set_fontsize(10)
     return figure
 

@@ -185,17 +185,17 @@ def on_robot(model: Model, names: Sequence[str], suspected: tuple[str, ...] | No
         names: of effects that are tried.
         suspected: trials that may carry a payload; None: all, which only shows where inertias are known.
     """
-    joints, made = model.names, []
+    joints, turns, made = model.names, [bool(x) for x in model.robot.turns], []
     for k, joint in enumerate(joints):
         if "gain_error" in names:
             made.append(Term(f"gain_error@{joint}", whole=GainError(joint)))
         if "delay" in names:
             made.append(Term(f"delay@{joint}", whole=Delay(joint)))
         if "compliance" in names:
-            made.append(Term(f"compliance@{joint}", whole=Compliance(joint)))
+            made.append(Term(f"compliance@{joint}", whole=Compliance(joint, turns[k])))
         if "coupling" in names:
             made += [
-                Term(f"coupling@{joint} ({joints[n]})", whole=Coupling(joint, joints[n]))
+                Term(f"coupling@{joint} ({joints[n]})", whole=Coupling(joint, joints[n], turns))
                 for n in model.robot.neighbours[k]
             ]
     if "payload" in names:

@@ -104,17 +104,18 @@ class GainError(Whole):
 class Coupling(Whole):
     """A motor acts on a neighbouring joint, too: the channel shows the joint's torque and a share of its neighbour's.
 
-    Units: dimensionless. Neutral: 0. Occurs: in wrists and tendon drives whose coupling matrix was left out, with
-    crosstalk of torque sensors. Experiment: move one of the two joints alone.
+    Units: dimensionless, between joints that turn and slide 1/m or m. Neutral: 0. Occurs: in wrists and tendon drives
+    whose coupling matrix was left out, with crosstalk of torque sensors. Experiment: move one of the two joints alone.
     """
 
     at_the_channel = True
 
-    def __init__(self, joint: str, other: str):
+    def __init__(self, joint: str, other: str, turns: Sequence[bool] | np.ndarray):
         super().__init__()
         self.name, self.joint, self.other = f"coupling@{joint}", joint_of(joint), joint_of(other)
         self.key = f"{joint}.coupling_{other}"
-        self.parameters = {self.key: "1"}
+        apart = int(turns[self.joint]) - int(turns[self.other])
+        self.parameters = {self.key: {0: "1", 1: "m", -1: "1/m"}[apart]}
 
     def shown(self, model, trial, torque):
         shown = torque.copy()
@@ -195,15 +196,16 @@ class Lag(Whole):
 class Compliance(Whole):
     """The gear twists under load, and the encoder is on the motor's side: the link stands compliance x load behind.
 
-    Units: rad/(N m). Neutral: 0. Occurs: in strain wave gears and belts. Experiment: fast motion of a stretched arm.
+    Units: rad/(N m), of a joint that slides m/N. Neutral: 0. Occurs: in strain wave gears and belts.
+    Experiment: fast motion of a stretched arm.
     """
 
     like_a_bristle = True
 
-    def __init__(self, joint: str):
+    def __init__(self, joint: str, turns: bool):
         super().__init__()
         self.name, self.joint, self.key = f"compliance@{joint}", joint_of(joint), f"{joint}.compliance"
-        self.parameters = {self.key: "rad/(N*m)"}
+        self.parameters = {self.key: "rad/(N*m)" if turns else "m/N"}
 
     def possible(self, step):
         return step[0] > 0

@@ -4,9 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from arms import urdf
 
+from frictionpinn.physics import LAWS
+from frictionpinn.physics.robot import Base, Robot
 from frictionpinn.report.robot import headline
-from frictionpinn.robots.candidates import Term
+from frictionpinn.robots.candidates import Term, on_robot
+from frictionpinn.robots.identify import declare
 
 
 @pytest.mark.parametrize(
@@ -22,3 +26,14 @@ def test_the_headline_names_every_effect_with_its_joint_and_what_the_data_do_not
     accepted = [SimpleNamespace(term=Term(name, joint), alike=alike) for name, joint, alike in found]
     d = SimpleNamespace(accepted=accepted, rest={}, errors={"1": np.array([[0.2], [0.1]])}, held_out=())
     assert headline(d) == f"{said} Mean relative torque error on 1 (fitted): 20.0 % before, 10.0 % after."
+
+
+def test_units_of_effects_on_the_robot_are_those_of_joints_that_turn_and_slide(tmp_path):
+    pytest.importorskip("pinocchio")
+    robot = Robot.read(urdf(tmp_path), locked={"j1": 0.0})  # two that turn, a finger that slides
+    terms = on_robot(declare(robot, Base.of(robot), LAWS["coulomb_viscous"]()), ("compliance", "coupling"), None)
+    assert {term.name: list(term.whole.parameters.values()) for term in terms} == {
+        "compliance@joint_1": ["rad/(N*m)"], "compliance@joint_2": ["rad/(N*m)"], "compliance@joint_3": ["m/N"],
+        "coupling@joint_1 (joint_2)": ["1"], "coupling@joint_2 (joint_1)": ["1"],
+        "coupling@joint_2 (joint_3)": ["m"], "coupling@joint_3 (joint_2)": ["1/m"],
+    }  # fmt: skip
