@@ -29,9 +29,9 @@ from ..physics.robot import Base, Robot
 
 RIGID_HZ = 20.0  # links and gears of arms are no longer rigid above
 PER_PERIOD = 10.0  # samples a period of the fastest motion that is kept: derivatives then err by less than 1 %
-WORKING = (
-    5.0  # samples a period of the fastest that the smoothers leave: twice what shows it, as friction is integrated
-)
+# Samples a period of the fastest that the smoothers leave: where a velocity turns in between, dry friction errs, and is
+# told too small by the square of the step: 0.15 % at half as many, more than a minute's noise.
+WORKING = 10.0
 ORDER = 3  # states of the smoother: position, velocity, acceleration
 THINNED = 2.5  # samples kept a period of the cutoff: at half that rate the filter passes less than 2 %
 KEPT = 0.01  # of an amplitude at the cutoff that smoothing of positions may take: as much as inertias err by then
