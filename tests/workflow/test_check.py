@@ -129,7 +129,7 @@ def test_signals_that_were_not_recorded_are_derived(tmp_path, system, columns, i
     cfg = default_config([f"system={system}", f"data.path={path}", f"system.imposed={str(imposed).lower()}"], "check")
     made = build_system(cfg["system"])
     recording = build_recording(cfg["data"], made)
-    found = maximum_likelihood(Mechanism(made, LAWS["coulomb_viscous"]()), recording, thorough=False, profiles=False)
+    found = maximum_likelihood(Mechanism(made, LAWS["coulomb_viscous"]()), recording, profiles=False)
     # The sample is LuGre and asymmetric; a motion that is imposed is taken with its noise.
     wide = 0.15 if imposed else 0.1
     assert found.values["mu_c"] == pytest.approx(3.0 if system == "drive" else 0.3, rel=wide)
