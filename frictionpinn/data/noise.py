@@ -31,6 +31,15 @@ def stream(seed: int, *names: str) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence([int(seed), *(zlib.crc32(name.encode()) for name in names)]))
 
 
+def check_levels(sigmas: Mapping[str, float]) -> None:
+    """Raise :class:`UserError` for a noise level, signal -> standard deviation, SI units, that no sensor has."""
+    for name, sigma in sigmas.items():
+        if not 0 < sigma < np.inf:
+            raise UserError("impossible noise level", where=f"sigmas.{name}", received=sigma,
+                            allowed="a standard deviation above 0, SI units",
+                            fix="leave it out where it is not known: it is estimated")  # fmt: skip
+
+
 def pooled(recording: Recording) -> dict[str, np.ndarray]:
     """Return each signal's samples of all trials together: name -> array of shape (sum of trial lengths,)."""
     names = dict.fromkeys(name for trial in recording.trials for name in trial.signals)

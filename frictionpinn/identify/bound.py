@@ -117,24 +117,19 @@ def bound(
 
 
 def bound_of(problem: Problem, values: Mapping[str, float]) -> Bound:
-    """Cramer-Rao bound of a problem at parameter values, by name, SI units, within its bounds or not.
+    """Cramer-Rao bound of a problem at parameter values, by name, SI units, within its bounds or not; those that are
+    not free are held there.
 
     Raises:
-        UserError: an unknown name, a free parameter without a value, or another value than that at which one is held;
-            the mechanism cannot be simulated at these values.
+        UserError: an unknown name, a free parameter without a value; the mechanism cannot be simulated at these values.
     """
     problem.mechanism.check_values(values, "values")
-    for name, held in problem.fixed.items():
-        if values.get(name, held) != held:
-            fixed = {name: float(values[name])}
-            raise UserError("another value than that at which it is held", where=f"values.{name}",
-                            received=values[name], allowed=f"{held:g}",
-                            fix=f"hold it there, fixed={fixed}, or name it in free")  # fmt: skip
     for name in problem.names:
         if not np.isfinite(values.get(name, np.nan)):
             raise UserError("parameter without a value", where=f"values.{name}", received=values.get(name),
                             fix="give the value at which to plan, or hold it: fixed={name: value}")  # fmt: skip
-    own = problem.varied(limits=problem.space.reaching(values))
+    held = {name: value for name, value in values.items() if name not in problem.names}
+    own = problem.varied(values=held, limits=problem.space.reaching(values))
     u = own.space.to_search(values)
     models = own.models_at(u)
     evaluate = own.evaluator(models, prior=False)

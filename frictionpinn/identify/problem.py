@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from ..data.noise import check_levels
 from ..data.recording import Recording, Trial
-from ..errors import UserError, choose
+from ..errors import choose
 from ..numerics.loss import LOSSES, choose_loss
 from ..numerics.motion import smoothed
 from ..numerics.parallel import in_parallel
@@ -94,11 +95,7 @@ class Problem:
         trials = simulated_alone(recording, windows)
         self.channels = Channels.of(mechanism, set().union(*(trial.signals for trial in trials)))
         self.given = dict(sigmas or {})
-        for name, sigma in self.given.items():
-            if not 0 < sigma < np.inf:
-                raise UserError("impossible noise level", where=f"sigmas.{name}", received=sigma,
-                                allowed="a standard deviation above 0, SI units",
-                                fix="leave it out where it is not known: it is estimated")  # fmt: skip
+        check_levels(self.given)
         self.sigmas: dict[str, float] = {}
         for name in (*self.channels.outputs, *self.channels.input_names):
             series = [(trial.t, trial.signals[name]) for trial in trials if name in trial.signals]

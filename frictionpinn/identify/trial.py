@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..numerics.gram import gram
-from ..numerics.jumps import BESIDE, Jump, find_stops
+from ..numerics.jumps import jumps_in
 from ..numerics.loss import Loss
 from ..numerics.motion import Motion
 from ..numerics.paths import Directions, InputPath
@@ -206,36 +206,6 @@ class TrialModel:
         """What a simulation says of the measured outputs, shape (n_out, n), SI units."""
         return np.stack([run.signals[name] for name in self.outputs])
 
-    def jumps(
-        self, run: Simulation, p: Mapping[str, float], names: Sequence[str], r: np.ndarray, scale: np.ndarray
-    ) -> tuple[tuple[Jump, ...], np.ndarray]:
-        """Where what is measured jumps in a simulation, and which samples are beside, shape (n_out, n), bool.
-
-        An acceleration jumps where a body stops, the force of an imposed motion where that turns round: when a velocity
-        comes to zero, the time of which changes by -dv / a. None where a bristle acts, whose force does not jump.
-
-        Args:
-            run: with sensitivities to ``names`` of parameters, then to the local unknowns.
-            p: all parameters, SI units.
-            r, scale: residuals over the noise, shape (n_out, n), and its standard deviations, shape (n_out,).
-        """
-        found: list[Jump] = []
-        near, mechanism = np.zeros(r.shape, bool), self.simulator.mechanism
-        stopping = [(name, velocity, run.signals[velocity], run.signals[name])
-                    for _, velocity, name in (c.signals for c in mechanism.free)]  # fmt: skip
-        if mechanism.system.massless:
-            stopping = [(name, "v_slip", run.v_slip, np.gradient(run.v_slip, self.t)) for name in self.outputs]
-        for name, velocity, v, a in stopping if mechanism.jumps(p, names) else ():
-            if name not in self.outputs:
-                continue
-            row, y = self.outputs.index(name), run.signals[name]
-            for stop in find_stops(self.t, v, a, y, scale[row]):
-                k, interval = stop.at, self.t[stop.at + 1] - self.t[stop.at]
-                near[row, max(k + 1 - BESIDE, 0) : k + 1 + BESIDE] = True
-                slopes = -run.sensitivities[velocity][stop.moves, len(names) :] / (a[stop.moves] * interval)
-                found.append(Jump(y / scale[row], r[row], k, (stop.time - self.t[k]) / interval, slopes))
-        return tuple(found), near
-
     def derivatives(
         self, run: Simulation, p: Mapping[str, float], names: Sequence[str], joint: bool = False
     ) -> np.ndarray:
@@ -299,7 +269,8 @@ class TrialModel:
             rows = measured.sum(), (seen**2).sum(), (seen[:, 1:] * seen[:, :-1]).sum()
             H, gradient = gram(J.reshape(-1, n_g + n_l), (r * scale[:, None]).reshape(-1), weight.reshape(-1))
             ll, grad_l = H[n_g:, n_g:], gradient[n_g:]  # views
-            jumps, near = ((), measured) if half or not n_l else self.jumps(run, p, names, r, scale)
+            jumping = n_l and not half and self.simulator.mechanism.jumps(p, names)
+            jumps, near = jumps_in(run, self.simulator.mechanism, self.outputs, r, scale, n_g) if jumping else ((), ())
             steep, pull = (J[near][:, n_g:] * np.sqrt(weight[near])[:, None], seen[near]) if jumps else (None, None)
         for z in self.simulator.bristles:  # held within what friction can be: where the body slides no signal sees it
             if z not in self.states:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from ..physics.mechanism import Mechanism
+from .simulation import Simulation
 
 BESIDE = 2  # samples on either side of a jump that may fall into it: they seem to tell its time exactly
 JUMP = 4.0  # standard errors by which a jump between two samples exceeds what the samples beside them suggest
@@ -98,3 +102,34 @@ def _jumps(y: np.ndarray, least: float) -> np.ndarray:
     excess = np.abs(steps[1:-1] - (steps[:-2] + steps[2:]) / 2)
     largest = np.abs(steps[1:-1]) >= np.maximum(np.abs(steps[:-2]), np.abs(steps[2:]))
     return 1 + np.flatnonzero(largest & (excess > least))
+
+
+def jumps_in(
+    run: Simulation, mechanism: Mechanism, outputs: Sequence[str], r: np.ndarray, scale: np.ndarray, n_g: int
+) -> tuple[tuple[Jump, ...], np.ndarray]:
+    """Where what is measured jumps in a simulation, and which samples are beside, shape (n_out, n), bool.
+
+    An acceleration jumps where a body stops, the force of an imposed motion where that turns round: when a velocity
+    comes to zero, the time of which changes by -dv / a.
+
+    Args:
+        run, mechanism: a simulation with sensitivities to ``n_g`` parameters, then to the unknowns of a trial, of a
+            mechanism whose friction jumps.
+        outputs: measured signals.
+        r, scale: their residuals over the noise, shape (n_out, n), and its standard deviations, shape (n_out,).
+    """
+    stopping = [(name, velocity, run.signals[velocity], run.signals[name])
+                for _, velocity, name in (c.signals for c in mechanism.free)]  # fmt: skip
+    if mechanism.system.massless:
+        stopping = [(name, "v_slip", run.v_slip, np.gradient(run.v_slip, run.t)) for name in outputs]
+    found, near = list[Jump](), np.zeros(r.shape, bool)
+    for name, velocity, v, a in stopping:
+        if name not in outputs:
+            continue
+        row, y = outputs.index(name), run.signals[name]
+        for stop in find_stops(run.t, v, a, y, scale[row]):
+            k, interval = stop.at, run.t[stop.at + 1] - run.t[stop.at]
+            near[row, max(k + 1 - BESIDE, 0) : k + 1 + BESIDE] = True
+            slopes = -run.sensitivities[velocity][stop.moves, n_g:] / (a[stop.moves] * interval)
+            found.append(Jump(y / scale[row], r[row], k, (stop.time - run.t[k]) / interval, slopes))
+    return tuple(found), near

@@ -142,15 +142,19 @@ def test_a_noise_level_that_no_sensor_has_is_refused(signal, level):
 @pytest.mark.parametrize(
     ("further", "said"),
     [
-        ({"M": 20.0}, r"another value .*: values.M is 20.0; allowed: 1; .*fixed={'M': 20.0}, or name it in free"),
         ({"mu": 1.0}, "unknown parameter: values.mu; allowed: M, preload, sigma_0"),
         ({"mu_c": "3"}, "impossible value: values.mu_c is '3'; allowed: a number from 0"),
     ],
-    ids=["of the system", "unknown", "text"],
+    ids=["unknown", "text"],
 )
 def test_a_value_that_the_bound_would_not_take_is_refused(further, said):
     mechanism, truth, _, noisy, _ = case("drive", "dahl", (0,))
     with pytest.raises(UserError, match=said):
         bound(mechanism, noisy, truth | further)
-    heavy = bound(mechanism, noisy, truth | {"M": 1.5}, fixed={"M": 1.5})
+
+
+def test_a_value_of_what_is_not_free_is_held_for_the_bound():
+    mechanism, truth, _, noisy, _ = case("drive", "dahl", (0,))
+    heavy = bound(mechanism, noisy, truth | {"M": 1.5})
+    assert heavy.std == bound(mechanism, noisy, truth, fixed={"M": 1.5}).std
     assert heavy.std["mu_c"] != pytest.approx(bound(mechanism, noisy, truth).std["mu_c"], rel=1e-3)
