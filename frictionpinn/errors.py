@@ -68,7 +68,7 @@ def nearest_of(name: object, told: Mapping[str, str], cutoff: float = 0.5) -> st
     return f"did you mean '{told[close[0]]}'?" if close else ""
 
 
-def choose(name: str, table: dict, where: str, fix: str = "use one of the allowed names"):
+def choose(name: str, table: Mapping, where: str, fix: str = "use one of the allowed names"):
     """Look ``name`` up in ``table``; raise :class:`UserError` with the nearest valid name, or ``fix``, otherwise."""
     if name in table:
         return table[name]

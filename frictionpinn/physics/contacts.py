@@ -71,7 +71,7 @@ def law_named(
     return _law(given, LAWS, where)
 
 
-def _law(given: object, known: dict[str, Any], where: str) -> FrictionLaw:
+def _law(given: object, known: Mapping[str, Any], where: str) -> FrictionLaw:
     law = choose(given, known, where)() if isinstance(given, str) else given
     if not isinstance(law, FrictionLaw):
         allowed = f"{', '.join(known)}, or an object"

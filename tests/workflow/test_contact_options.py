@@ -7,7 +7,7 @@ import json
 import pytest
 
 from frictionpinn.errors import UserError
-from frictionpinn.physics import SYSTEMS
+from frictionpinn.physics import LAWS, SYSTEMS, FrictionLaw, extensions
 from frictionpinn.physics.contacts import by_parameter, law_named, laws_of
 from frictionpinn.workflow.build import build_friction, law_table
 from frictionpinn.workflow.contact_options import contact_options, options_of
@@ -26,6 +26,15 @@ def test_a_law_is_for_all_contacts_and_one_of_them_may_have_another():
     assert friction("friction=dahl")[1].name == "dahl"
     assert friction("friction=dahl", "friction.bearing=none")[1].name == "dahl@rail+none@bearing"
     assert friction("friction.rail=coulomb", "friction.bearing=stribeck")[1].name == "coulomb@rail+stribeck@bearing"
+
+
+def test_a_law_from_an_extension_is_one_that_a_contact_may_have(monkeypatch):
+    class Own(FrictionLaw):
+        name = "own"
+
+    monkeypatch.setitem(LAWS, "own", Own)  # removed again, whatever registers it
+    extensions.register([Own], "own.py")
+    assert friction("friction.rail=own", "friction.bearing=coulomb")[1].name == "own@rail+coulomb@bearing"
 
 
 def test_values_are_those_of_all_contacts_or_of_one():
