@@ -125,6 +125,11 @@ def readable_unit(unit: str) -> str:
     return "" if unit == "1" else unit.replace("*", " ").replace("^2", "²")
 
 
+def unit_of_error(unit: str) -> str:
+    """As :func:`readable_unit`; an error of several contacts is a share, that of each over its own force."""
+    return readable_unit(unit) or "of the force"
+
+
 class Shown:
     """A result. Subclasses say :meth:`tables`, :meth:`figures` and :meth:`to_dict`; the rest follows from these.
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..evaluate.picture import save_png
-from ..show import readable_unit
+from ..show import unit_of_error
 from .manifest import Job, result_of, status_of, whole, write_text
 from .summary_figure import summary_figure
 
@@ -107,11 +107,12 @@ def print_table(grouped: Sequence[Row], keys: Sequence[str]) -> None:
     names = [name[: -len("_off_abs")] for name in _union(grouped) if name.endswith("_off_abs")]
     table = Table(title="mean ± standard deviation over the runs; parameters: mean error, % of the truth")
     for key in (*keys, "runs", "force error", "/ C + v fit", *names):
-        table.add_column(key, justify="left" if key in keys else "right", no_wrap=True)
+        head = key.replace(".", ".\n") if key in names else key  # the contact above its parameter
+        table.add_column(head, justify="left" if key in keys else "right", overflow="fold")
     for entry in grouped:
         cells = [str(entry[key]) for key in keys] + [f"{entry['runs']} of {entry['jobs']}"]
         if "force_rmse_mean" in entry:
-            unit = readable_unit(str(entry["force_unit"]))
+            unit = unit_of_error(str(entry["force_unit"])) if entry["force_unit"] else ""
             cells.append(f"{spread(entry, 'force_rmse')} {unit}".rstrip())
             cells.append(f"{entry['force_rmse_mean'] / entry['coulomb_viscous_rmse_mean']:.3g}")
             cells += [f"{100 * entry[f'{n}_off_abs']:.2g}" if f"{n}_off_abs" in entry else "" for n in names]

@@ -8,10 +8,12 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from ..show import readable_unit
+from ..physics.base import plain_name
+from ..show import unit_of_error
 
 _POINT, _MEAN = "#8d99ae", "#d1495b"
 _PARAMETERS = ("#1b6ca8", "#d1495b", "#2e933c", "#edae49", "#6d597a", "#444444", "#00798c")
+_MARKERS = "osD^vPX"
 
 
 def summary_figure(rows: Sequence[Mapping[str, Any]], grouped: Sequence[Mapping[str, Any]], keys: Sequence[str]):
@@ -29,7 +31,7 @@ def summary_figure(rows: Sequence[Mapping[str, Any]], grouped: Sequence[Mapping[
     panels = figure.subplots(len(units), columns, squeeze=False, gridspec_kw={"height_ratios": heights})
     for line, unit in enumerate(units):
         mine = [entry for entry in shown if entry["force_unit"] == unit]
-        _forces(panels[line][0], rows, mine, keys, readable_unit(unit))
+        _forces(panels[line][0], rows, mine, keys, unit_of_error(unit))
         if names:
             _parameters(panels[line][1], mine, names, labelled=line == 0)
     if names:
@@ -47,7 +49,7 @@ def headline(shown: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> str:
     if len({entry["force_unit"] for entry in shown}) > 1 or len(shown) < 2:
         return "Force error on held-out trials"
     best = min(shown, key=lambda entry: entry["force_rmse_mean"])
-    unit = readable_unit(best["force_unit"])
+    unit = unit_of_error(best["force_unit"])
     return f"Lowest force error on held-out trials: {_label(best, keys)}, {best['force_rmse_mean']:.3g} {unit} rms"
 
 
@@ -61,19 +63,21 @@ def _forces(axis, rows, mine, keys, unit: str) -> None:
             color=_MEAN, capsize=3,
         )  # fmt: skip
     axis.set_yticks(range(len(mine)), [_label(entry, keys) for entry in mine])
-    axis.invert_yaxis()
-    axis.margins(y=0.5 / len(mine) + 0.05)
+    axis.set_ylim(len(mine) - 0.5, -0.5)  # as beside it
     axis.set_xlim(left=0)
     axis.set(xlabel=f"force error, rms ({unit}): runs, mean ± standard deviation")
     _clean(axis)
 
 
 def _parameters(axis, mine, names: Sequence[str], labelled: bool) -> None:
-    for k, name in enumerate(names):
+    plain = {name: plain_name(name).removeprefix("refined_") for name in names}
+    colors = list(dict.fromkeys(plain.values()))
+    markers = list(dict.fromkeys(name.removesuffix(plain[name]) for name in names))  # as trained, refined; by contact
+    for name in names:
         points = [(100 * e[f"{name}_off_abs"], i) for i, e in enumerate(mine) if f"{name}_off_abs" in e]
-        color = _PARAMETERS[k % len(_PARAMETERS)]
-        style = "s" if name.startswith("refined_") else "o"
-        axis.plot(*zip(*points, strict=True) if points else ([], []), style, ms=6, color=color, alpha=0.85,
+        color = _PARAMETERS[colors.index(plain[name]) % len(_PARAMETERS)]
+        marker = _MARKERS[markers.index(name.removesuffix(plain[name])) % len(_MARKERS)]
+        axis.plot(*zip(*points, strict=True) if points else ([], []), marker, ms=6, color=color, alpha=0.85,
                   ls="none", label=name if labelled else None)  # fmt: skip
     axis.set(xscale="log", xlabel="parameter off the truth (%), mean over runs")
     axis.set_yticks(range(len(mine)), [])

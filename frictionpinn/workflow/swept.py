@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import UserError
-from ..show import readable_unit
+from ..show import unit_of_error
 from . import fleet, summary
 from .manifest import Job
 
@@ -62,7 +62,7 @@ def _train(cfg: Config, folder: Path) -> None:
 
 def _force_error(result: Result) -> str:
     error = result["force_error"]
-    return f"force error {error['model']['rmse']:.4g} {readable_unit(error['unit']['rmse'])} rms"
+    return f"force error {error['model']['rmse']:.4g} {unit_of_error(error['unit']['rmse'])} rms"
 
 
 def _diagnose(cfg: Config, folder: Path) -> None:

@@ -17,6 +17,7 @@ from frictionpinn.errors import UserError
 from frictionpinn.workflow.manifest import Job, digest, read_manifest, result_of, set_status, write_json
 from frictionpinn.workflow.resume import resumed
 from frictionpinn.workflow.summary import groups, summarise_sweep
+from frictionpinn.workflow.summary_figure import summary_figure
 from frictionpinn.workflow.sweep import Sweep
 
 
@@ -98,6 +99,23 @@ def test_the_summary_has_a_row_for_each_job_and_mean_and_spread_for_each_group(t
     out = capsys.readouterr().out
     assert "1.5 ± 0.71 N" in out and "3 of 4 jobs finished" in out and "1 of 2" in out
     assert (tmp_path / "summary.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_summary_tells_the_parameters_of_several_contacts_apart(tmp_path, capsys):
+    entries = [result("pe1", seed, 0.4 + 0.1 * seed) for seed in (0, 1)]
+    for entry in entries:
+        entry["force_error"]["unit"]["rmse"] = "1"  # of several contacts: each over its own force
+        names = (f"{c}.{n}" for c in ("box", "hinge") for n in ("sigma_0", "sigma_1", "sigma_2", "mu_c", "mu_s", "v_s"))
+        entry["parameters"] = {name: {"value": 1.1, "truth": 1.0} for name in names}
+    jobs = planned(tmp_path, entries)
+    rows = summarise_sweep(tmp_path, jobs, "here")
+    out = capsys.readouterr().out
+    assert "hinge." in out and "sigma_2" in out and "…" not in out
+    figure = summary_figure(rows, groups(rows, ["seed"]), [])
+    forces, parameters = figure.axes
+    looks = {(line.get_color(), line.get_marker()) for line in parameters.lines}
+    assert len(parameters.lines) == len(looks) == 12
+    assert "(of the force)" in forces.get_xlabel() and forces.get_ylim() == parameters.get_ylim()
 
 
 def test_parameter_errors_of_a_group_do_not_cancel():
