@@ -11,7 +11,7 @@ import yaml
 
 from ..diagnose.diagnosis import Diagnosis
 from ..errors import UserError, choose
-from ..physics import SYSTEMS
+from ..physics import SYSTEMS, extensions
 from ..physics.base import CONTACT, SESSION, TIME, TRIAL
 from ..physics.contacts import law_named
 from ..physics.mechanism import Mechanism
@@ -46,6 +46,9 @@ def save_augmented(path: Path, d: Diagnosis, data: Mapping[str, Any] | None = No
             for e in mechanism.effects
         },
     }  # fmt: skip
+    effects = [getattr(e, "effect", e) for e in mechanism.effects]  # one at a contact holds the user's
+    if files := extensions.files_of([system, *(at.law for at in mechanism.contacts), *effects]):
+        content["extensions"] = files
     if data is not None:
         paths = data.get("path")
         there = [str(Path(p).absolute()) for p in (paths if isinstance(paths, list) else [paths])] if paths else []
@@ -67,6 +70,7 @@ def load_augmented(path: str | Path) -> tuple[Mechanism, dict[str, float]]:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
         given, effects = content["system"], content["effects"]
+        extensions.load(content.get("extensions", ()))
         kind = choose(given["name"], SYSTEMS, "system")
         driven = tuple(given["driven"]) if "driven" in given else None  # earlier files do not tell
         system = kind(equations=given["equations"], driven=driven, imposed=given["imposed"], **given["parameters"])

@@ -18,6 +18,7 @@ from .friction import LAWS
 from .system import System
 from .systems import SYSTEMS
 
+_MODULE = "frictionpinn_extension_"
 GROUP = "frictionpinn"  # of the entry points: each a module with classes, or a class
 TABLES: tuple[tuple[type, dict], ...] = ((System, SYSTEMS), (FrictionLaw, LAWS), (Effect, EFFECTS))
 
@@ -39,6 +40,12 @@ def load(files: Iterable[str | Path] = ()) -> None:
         _from_file(path, path.stat().st_mtime)
 
 
+def files_of(things: Iterable[object]) -> list[str]:
+    """The files that define systems, laws or effects; none for those of the package and of installed ones."""
+    modules = sorted({type(thing).__module__ for thing in things})
+    return [str(sys.modules[name].__file__) for name in modules if name.startswith(_MODULE)]
+
+
 @cache
 def _installed() -> None:
     for point in entry_points(group=GROUP):
@@ -52,7 +59,7 @@ def _installed() -> None:
 @cache
 def _from_file(path: Path, changed: float) -> None:
     """Import a file and register its classes; again where it has changed."""
-    name = f"frictionpinn_extension_{path.stem}"
+    name = f"{_MODULE}{path.stem}"
     spec = spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise UserError("not a Python file", where="extensions", received=str(path), allowed="a file ending in .py")

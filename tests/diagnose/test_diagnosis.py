@@ -25,7 +25,7 @@ from frictionpinn.diagnose.select import Settings
 from frictionpinn.errors import UserError
 from frictionpinn.export.augmented import folded, load_augmented, save_augmented
 from frictionpinn.numerics.simulate import Simulator
-from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS, extensions
 from frictionpinn.physics.effect import Effect, strength
 from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.report import diagnosis as report
@@ -177,6 +177,27 @@ def test_the_command_reads_a_file_and_writes_what_it_promises(tmp_path):
     t = np.arange(300) / 300.0
     run = Simulator(mechanism).simulate(t, {"force": 5 * np.sin(6 * t)}, values)
     assert np.isfinite(run.F).all() and values["asymmetric_viscous"] == pytest.approx(entry["value"])
+
+
+def test_a_saved_model_names_the_files_of_its_own_effects_and_is_read_where_they_are_not_loaded(tmp_path, monkeypatch):
+    file = tmp_path / "syrup.py"
+    file.write_text(
+        "from frictionpinn.physics.effect import Effect, strength\n\n\nclass Syrup(Effect):\n    name = 'syrup'\n"
+        "    parameters = (strength('syrup', '{F}*s**3/{L}**3', 'cubic drag'),)\n\n"
+        "    def force(self, c, p, law):\n        return p.syrup * c.v**3\n"
+    )
+    monkeypatch.setitem(EFFECTS, "syrup", None)
+    monkeypatch.delitem(EFFECTS, "syrup")  # as it is now it is again after the test
+    extensions.load([file])
+    mechanism = Mechanism(SYSTEMS["drive"](M=1.0), LAWS["coulomb"](), ("syrup",))
+    values = {"mu_c": 3.0, "syrup": 2.0, **mechanism.system.values}
+    d = SimpleNamespace(bench=SimpleNamespace(mechanism=mechanism), accepted=(), network=None,
+                        after=SimpleNamespace(values=values))  # fmt: skip
+    save_augmented(tmp_path / "augmented.yaml", d)
+    del EFFECTS["syrup"]
+    extensions._from_file.cache_clear()
+    again, told = load_augmented(tmp_path / "augmented.yaml")
+    assert [effect.name for effect in again.effects] == ["syrup"] and told["syrup"] == 2.0
 
 
 @pytest.fixture
