@@ -122,7 +122,7 @@ def plain(value: float) -> float | None:
 
 def readable_unit(unit: str) -> str:
     """A unit for a table: N*m becomes N m, a square gets its sign, a ratio has none."""
-    return "" if unit == "1" else unit.replace("*", " ").replace("^2", "²")
+    return "" if unit == "1" else unit.replace("**", "^").replace("*", " ").replace("^2", "²")
 
 
 def unit_of_error(unit: str) -> str:

@@ -126,3 +126,7 @@ def test_a_system_that_would_leave_out_what_it_says_is_refused(change, said):
     with pytest.raises(UserError, match=said) as error:
         type("Mine", (SYSTEMS["drive"],), change)()
     assert one_line(error)
+
+
+def test_units_read_as_powers_however_they_are_written():
+    assert readable_unit("N*s**3/m**2") == readable_unit("N*s^3/m^2") == "N s^3/m²"
