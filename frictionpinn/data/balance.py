@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import sympy as sp
@@ -23,7 +23,7 @@ from ..physics import LAWS, System
 from ..physics.base import MU_C, SIGMA_2
 from ..physics.mechanism import Mechanism
 from ..show import readable_unit
-from .filters import Motion, Sampled, bump, smooth_motion
+from .filters import Motion, Sampled, bump, noises, smooth_motion
 from .findings import NO_SLIP, Finding, listed, named_factor
 from .thresholds import ANOTHER, CLEAR, EXPLAINED, HALF, INERTIAL, OFF, SURE, USUAL, WELL_KNOWN
 
@@ -87,15 +87,28 @@ def balance_findings(
         return []
     for wide in (False, True):
         motions = smooth_motion(system, trials, sigmas, wide)
-        if motions and (pushed := _pushed(system, motions)):
+        if motions and (pushed := _pushed(system, trials, motions)):
             return [pushed]
         found = rows(motions) if motions else None
         if found is None:
             continue
         told = _judged(system, sigmas, motions, rows, found, inertia_free)
+        if told and not told[0].grave and (name := _unlike(system, trials, rows, wide)):
+            told = [replace(told[0], what=f"{told[0].what}; trial '{name}' is unlike the others, which it explains")]
         if told or found.share > EXPLAINED:
             return told
     return []
+
+
+def _unlike(system: System, trials: Sequence[Sampled], rows: Rows, wide: bool) -> str:
+    """The only trial without which the equation of motion explains the others; else empty."""
+    names = []
+    for trial in trials:
+        others = [t for t in trials if t is not trial]
+        motions = smooth_motion(system, others, noises(others), wide) if others else []
+        found = rows(motions) if motions else None
+        names += [trial.name] if found is not None and found.fits and found.share > EXPLAINED else []
+    return names[0] if len(names) == 1 else ""
 
 
 def _judged(
@@ -146,24 +159,42 @@ def _judged(
     return [Finding(what, advice, grave=bool(ranked))]
 
 
-def _pushed(system: System, motions: Sequence[Motion]) -> Finding | None:
-    """A motion that speeds up though nothing that was recorded drives it: alone, friction only brakes."""
+def _pushed(system: System, trials: Sequence[Sampled], motions: Sequence[Motion]) -> Finding | None:
+    """A motion that speeds up though nothing drives it, or one force that never changes: beside that, friction brakes.
+
+    The equation of motion times the slip velocity is the power of friction; what rests or coasts has none that drives.
+    """
     acting = [c for c in system.moving if system.jacobian[c.name] != 0 and c.name not in system.driven]
-    lacking = [item.name for item in system.inputs if not any(item.name in motion for motion in motions)]
-    if len(system.contacts) > 1 or not acting or not lacking:
+    if len(system.contacts) > 1 or not acting:
         return None
     c = acting[0]
-    inertia = sp.diff(residual := system.residual(c), c.symbols[2]) * c.symbols[2]
+    residual = sp.sympify(system.residual(c))
+    names = [item.name for item in system.inputs if item.symbol in residual.free_symbols]
+    said = {name: told for name in names if (told := [t.signals[name] for t in trials if name in t.signals])}
+    ends = {name: (min(map(np.min, told)), max(map(np.max, told))) for name, told in said.items()}
+    lacking = [name for name in names if name not in said]
+    if not names or any(low != high for low, high in ends.values()):
+        return None
+    inertia = sp.diff(residual, c.symbols[2]) * c.symbols[2]
+    power_of = motion_function(system, residual * system.v_slip / system.jacobian[c.name])
     drive, own = (motion_function(system, sp.sympify(e)) for e in (residual - inertia, inertia))
     values = {name: value for name, value in system.values.items() if value is not None}
-    if any(np.any(drive(motion, values)) for motion in motions):
-        return None
-    noise, a, rate = (np.concatenate([m[n] for m in motions]) for n in (f"_noise_{c.name}", c.signals[2], c.signals[1]))
-    power = (np.concatenate([own(m, values) for m in motions]) * rate)[a**2 > SURE**2 * noise]  # where it is no noise
+    if lacking and any(np.any(drive(m, values)) for m in motions):
+        return None  # something drives it: what is not recorded need not be what is wrong
+    noise, a = (np.concatenate([m[n] for m in motions]) for n in (f"_noise_{c.name}", c.signals[2]))
+    power = np.concatenate([power_of(m, values) for m in motions])
+    if any(np.any(own(m, values)) for m in motions):
+        power = power[a**2 > SURE**2 * noise]  # where the acceleration is no noise
     if not len(power) or float(power.sum()) < -HALF * float(np.abs(power).sum()):
         return None
-    return Finding(f"the motion speeds up without {listed(lacking)}, not recorded: friction alone brakes",
-                   f"name the column, data.columns={{..., {lacking[0]}: ...}}, or record it", grave=True)  # fmt: skip
+    if lacking:
+        fix = f"name the column, data.columns={{..., {lacking[0]}: ...}}, or record it"
+        return Finding(
+            f"the motion speeds up without {listed(lacking)}, not recorded: friction alone brakes", fix, True
+        )
+    what = " and ".join(f"{name} is {low + 0.0:g}" for name, (low, _) in ends.items())
+    return Finding(f"{what} in every row, which does not drive this motion: friction alone brakes",
+                   f"check the column and the sensor of {listed(list(ends))}", grave=True)  # fmt: skip
 
 
 def _missing_forces(system: System, motions: Sequence[Motion], found: Balance) -> Finding | None:

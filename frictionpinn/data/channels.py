@@ -11,10 +11,10 @@ from ..numerics.motion_function import motion_function
 from ..numerics.quantisation import quantisation_step
 from ..physics import System
 from ..show import readable_unit
-from .filters import Sampled, clear, smooth_motion, widths
+from .filters import Sampled, clear, filtered, noises, smooth_motion, widths
 from .findings import NO_SLIP, Finding
 from .recording import Recording
-from .thresholds import AT_REST, HELD, LEVELS, NEAR_END, ONE_WAY, PILED, SURE, TURNS
+from .thresholds import AT_REST, CLEAR, HELD, LEVELS, NEAR_END, ONE_WAY, PILED, SURE, TURNS
 
 ROUNDED = 1e-6  # of a step: even grids interpolate
 
@@ -99,6 +99,49 @@ def _moves_while(name: str, end: float, companion: str, trials: Sequence[Sampled
     rate, at = (np.concatenate(column) for column in zip(*rates, strict=True))
     whole = float(np.sqrt(np.mean(rate**2)))
     return bool(at.any() and np.sqrt(np.mean(rate[at] ** 2)) > AT_REST * whole)
+
+
+def dead_findings(system: System, trials: Sequence[Sampled]) -> list[Finding]:
+    """Signals of one value throughout a trial in which another of their coordinate says that it moves."""
+    findings = []
+    for c in system.moving:
+        for k, name in enumerate(c.signals):
+            own = [t for t in trials if name in t.signals]
+            usual = max((float(np.std(t.signals[name])) for t in own), default=0.0)
+            for t in (t for t in own if np.ptp(t.signals[name]) == 0 and usual > 0):
+                others = [(j, other) for j, other in enumerate(c.signals) if other in t.signals and j != k]
+                telling = [other for j, other in others if _implied(t, other, k - j) > AT_REST * usual]
+                if telling:
+                    where = f"in every row of trial '{t.name}', where {telling[0]} moves"
+                    what = f"{name} is {t.signals[name][0] + 0.0:g} {where}"
+                    findings.append(Finding(what, "check its column and its sensor, or leave that trial out", True))
+    return findings
+
+
+def moving_trials(system: System, trials: Sequence[Sampled]) -> list[Sampled]:
+    """The trials in which a coordinate moves by what is no rest beside its motion in the others."""
+    names = [name for c in system.moving for name in c.signals]
+    sizes = [{name: float(np.std(t.signals[name])) for name in names if name in t.signals} for t in trials]
+    usual = {name: max(own.get(name, 0.0) for own in sizes) for name in names}
+    moved = (any(size > AT_REST * usual[name] for name, size in own.items()) for own in sizes)
+    return [t for t, moves in zip(trials, moved, strict=True) if moves]
+
+
+def _implied(trial: Sampled, name: str, order: int) -> float:
+    """Standard deviation of a signal's rate of that order, of its integral where that is negative, as far as it is
+    clear of noise; else 0."""
+    sigma = noises([trial])[name]
+    for width in widths([trial]):
+        share, varied = clear([trial], name, sigma, width, max(order, 0))
+        if share < CLEAR:
+            continue
+        if order >= 0:
+            return math.sqrt(varied)
+        integral = filtered(trial, name, width)
+        for _ in range(-order):
+            integral = np.cumsum(integral - integral.mean()) * trial.dt
+        return float(np.std(integral))
+    return 0.0
 
 
 def slip_findings(system: System, trials: Sequence[Sampled], sigmas: dict[str, float]) -> list[Finding]:

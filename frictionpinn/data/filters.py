@@ -24,8 +24,9 @@ Motion = dict[str, np.ndarray]  # signals by name, and what is known of the wind
 
 @dataclass(frozen=True)
 class Sampled:
-    """A trial's signals on an even grid: the interval, s, and samples by name, SI units."""
+    """A trial's signals on an even grid: its name, the interval, s, and samples by name, SI units."""
 
+    name: str
     dt: float
     signals: dict[str, np.ndarray]
 
@@ -50,10 +51,20 @@ def sampled(recording: Recording, names: Sequence[str]) -> tuple[list[Sampled], 
         left -= len(t)
         dt = float(np.median(np.diff(t)))
         grid = np.arange(t[0], t[-1] + 0.5 * dt, dt) if np.ptp(t) / dt < 4 * len(t) else t
-        trials.append(Sampled(dt, {name: np.interp(grid, t, values) for name, values in own.items()}))
+        trials.append(Sampled(trial.name, dt, {name: np.interp(grid, t, values) for name, values in own.items()}))
         if left < FEWEST:
             break
     return trials, sigmas
+
+
+def noises(trials: Sequence[Sampled]) -> dict[str, float]:
+    """The noise of every signal of some of the trials, SI units; none where it has one value."""
+    series: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for trial in trials:
+        for name, values in trial.signals.items():
+            series.setdefault(name, []).append((trial.dt * np.arange(len(values)), values))
+    varies = {name: min(y.min() for _, y in own) < max(y.max() for _, y in own) for name, own in series.items()}
+    return {name: difference_sigma(own) if varies[name] else 0.0 for name, own in series.items()}
 
 
 @lru_cache(maxsize=256)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ..errors import UserError
 from ..physics import System
 from .balance import balance_findings
-from .channels import channel_findings, one_way_findings, slip_findings
+from .channels import channel_findings, dead_findings, moving_trials, one_way_findings, slip_findings
 from .check import check_trial
 from .consistency import derivative_findings
-from .filters import sampled
+from .filters import Sampled, noises, sampled
 from .findings import NO_SLIP, Finding
 from .recording import Recording
 
@@ -36,13 +38,50 @@ def inspect(recording: Recording, system: System, inertia_free: bool = False) ->
         return []
     findings = channel_findings(system, recording, trials)
     still = slip_findings(system, trials, sigmas)
-    findings += still
-    if not still:
-        findings += (rates := derivative_findings(system, trials, sigmas))
-        if not rates and not any(f.grave for f in findings):
-            findings += balance_findings(system, trials, sigmas, inertia_free)
-            findings += one_way_findings(system, trials, sigmas)
+    findings += still or (dead := dead_findings(system, trials))
+    if not still and not dead:
+        balance = not any(f.grave for f in findings)
+        found = _together(system, trials, sigmas, balance, inertia_free)
+        findings += _one_by_one(system, trials, balance, inertia_free, {f.what for f in found}) or found
     return sorted(findings, key=lambda f: not f.grave)
+
+
+def _together(
+    system: System, trials: Sequence[Sampled], sigmas: dict[str, float], balance: bool, inertia_free: bool
+) -> list[Finding]:
+    """What derivatives say and, where these hold, forces and motion."""
+    rates = derivative_findings(system, trials, sigmas)
+    if rates or not balance:
+        return rates
+    found = balance_findings(system, trials, sigmas, inertia_free)
+    return found + one_way_findings(system, trials, sigmas)
+
+
+def _one_by_one(
+    system: System, trials: Sequence[Sampled], balance: bool, inertia_free: bool, told: set[str]
+) -> list[Finding]:
+    """What is wrong of some trials alone, and what is odd of the others; none where these are wrong, too: taken
+    together one wrong trial of several is hidden by the others, or spoils what is said of them. What is ``told`` of all
+    of them is no fault of one."""
+    if len(trials) < 2:
+        return []
+    wrong: dict[str, list[Finding]] = {}
+    for trial in moving_trials(system, trials):
+        own = [
+            f
+            for f in _together(system, [trial], noises([trial]), balance, inertia_free)
+            if f.grave and f.what not in told
+        ]
+        wrong |= {trial.name: own} if own else {}
+    others = [t for t in trials if t.name not in wrong]
+    if not wrong or len(wrong) > len(others):  # of most trials it is the recording that is wrong
+        return []
+    rest = _together(system, others, noises(others), balance, inertia_free)
+    if any(f.grave for f in rest):
+        return []
+    pairs = [(name, f) for name, own in wrong.items() for f in own]
+    return [Finding(f"in trial '{name}' {f.what}", f"read that trial by itself: {f.fix}; or leave it out", grave=True)
+            for name, f in pairs] + rest  # fmt: skip
 
 
 def no_slip(recording: Recording, system: System) -> str:

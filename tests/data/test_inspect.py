@@ -122,3 +122,64 @@ def test_a_contact_that_slips_one_way_is_told_and_is_no_fault():
         recording = simulate_recording(drive, "coulomb_viscous", truth, [{"duration": 8.0, "force": force}], 200.0)
         findings = inspect(GaussianNoise(0.005)(recording, 0), drive)
         assert any("slips one way only" in f.what and not f.grave for f in findings) == told, findings
+
+
+PUSHES = [{"duration": 2.0, "force": force} for force in ("5*sin(2*pi*t)", "7*sin(3*pi*t)", "9*sin(2*pi*t)")]
+
+
+def drive_log(*more: dict, noise: float = 0.005, rate: float = 200.0) -> Recording:
+    truth = {"sigma_0": 2e4, "sigma_1": 150.0, "sigma_2": 2.0, "mu_c": 3.0, "mu_s": 4.0, "v_s": 5e-3}
+    made = simulate_recording(SYSTEMS["drive"](M=2.0), "lugre", truth, [*PUSHES, *more], rate)
+    return GaussianNoise(noise)(made, seed=0)
+
+
+def with_trial(recording: Recording, name: str, signal: str, changed) -> list[str]:
+    """Findings where ``changed`` makes something else of a signal in one trial."""
+
+    def own(trial: Trial) -> Trial:
+        return replace(trial, signals=trial.signals | {signal: changed(trial.signals[signal])})
+
+    trials = tuple(own(t) if t.name == name else t for t in recording.trials)
+    return [str(f) for f in inspect(replace(recording, trials=trials), SYSTEMS["drive"](M=2.0)) if f.grave]
+
+
+@pytest.mark.parametrize("signal", ["force", "x", "v", "a"])
+@pytest.mark.parametrize("noise", [0.0, 0.005, 0.05])
+def test_a_channel_that_is_dead_in_one_trial_is_told_with_the_trial(signal, noise):
+    recording = drive_log(noise=noise)
+    for name in recording.names:
+        for value in (0.0, 2.0):
+            (told,) = with_trial(recording, name, signal, lambda y, value=value: np.full(len(y), value))
+            assert f"trial '{name}'" in told and f"{signal} is {value:g} in every row" in told
+
+
+@pytest.mark.parametrize(
+    "last",
+    [{"force": "0*t"}, {"force": "0*t", "initial": {"v": 1.0}}, {"force": "2 + 0*t"}, {"force": "2*sin(6*t)"},
+     {"force": "3.5 + 0*t", "initial": {"v": -0.5}}],
+    ids=["at rest", "coasts", "held", "below breakaway", "slides against a force"],
+)  # fmt: skip
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_a_trial_that_rests_or_coasts_is_no_fault(last, noise):
+    recording = drive_log({"duration": 2.0} | last, noise=noise)
+    assert [str(f) for f in inspect(recording, SYSTEMS["drive"](M=2.0))] == []
+
+
+@pytest.mark.parametrize(("signal", "factor", "said"), [
+    ("force", 1000.0, "1000"), ("force", -1.0, "opposite signs"), ("x", 1000.0, "x is too large by 1000"),
+    ("v", -1.0, "v has its sign turned"), ("a", 1e-3, "a is too small by 1000")])  # fmt: skip
+def test_one_trial_of_another_unit_or_sign_is_told_with_its_name(signal, factor, said):
+    recording = drive_log()
+    for name in recording.names:
+        (told,) = with_trial(recording, name, signal, lambda y: factor * y)
+        assert told.startswith(f"in trial '{name}' ") and said in told
+
+
+def test_a_trial_that_the_equation_explains_worse_than_the_others_is_named():
+    recording = drive_log()
+    first, second, third = recording.trials
+    other = third.signals | {"force": 5 + np.sin(40 * third.t)}  # of another motion
+    (told,) = inspect(
+        replace(recording, trials=(first, second, replace(third, signals=other))), SYSTEMS["drive"](M=2.0)
+    )
+    assert "trial '3' is unlike the others" in str(told)
