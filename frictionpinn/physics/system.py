@@ -17,6 +17,7 @@ from .declarations import (
     Input,
     check_declared,
     check_imposed,
+    check_lists,
     check_value,
     checked_driven,
 )
@@ -81,6 +82,7 @@ class System:
                 allowed=", ".join(self.equations_allowed),
                 fix=nearest(equations, self.equations_allowed) or "use the default, lagrange",
             )
+        check_lists(self)
         self.contacts = self.contacts or (FrictionalContact("", self.force_unit, self.slip_unit),)
         self.equations = equations
         self.driven = self.driven if driven is None else checked_driven(self, driven)
@@ -133,6 +135,11 @@ class System:
             if coordinate.constrained:
                 return self.euler_lagrange(coordinate)
         raise NotImplementedError
+
+    @property
+    def constraint_load(self) -> bool:
+        """Whether the normal force is by default that of the constrained coordinate."""
+        return type(self).normal_force is System.normal_force
 
     # its contacts --------------------------------------------------------------------------------------------
     def at(self, contact: str) -> System:

@@ -16,7 +16,8 @@ import frictionpinn as fp
 from frictionpinn.data.units import registry
 from frictionpinn.errors import UserError
 from frictionpinn.physics import SYSTEMS
-from frictionpinn.physics.system import Coordinate, Input
+from frictionpinn.physics.base import Parameter
+from frictionpinn.physics.system import Coordinate, Input, System
 from frictionpinn.show import readable_unit
 from frictionpinn.workflow.build import build_system
 from frictionpinn.workflow.options import composed
@@ -119,8 +120,25 @@ def test_coordinates_that_are_taken_as_measured_are_an_option_of_a_system_and_of
         ({"slip_velocity": lambda self, s, p: s.x}, r"no velocity in the slip velocity .* is x; .*s\.x_dot"),
         ({"coordinates": (Coordinate("x", ("x", "v", "v")),)}, "two signals of one name .* is 'v'"),
         ({"inputs": (Input("x", "N", ""), Input("force", "N", ""))}, "two signals of one name .* is 'x'"),
+        ({"kinetic": lambda self, s, p: p.m * s.x_dot**2}, r"unknown name in kinetic .*: p\.m; .*did you mean 'p\.M'"),
+        ({"kinetic": lambda self, s, p: p.M * s.xdot**2}, r"unknown name in kinetic .*: s\.xdot; .*'s\.x_dot'"),
+        ({"kinetic": lambda self, s, p: p.M["x"] * s.x_dot**2}, "kinetic of system drive fails: received TypeError"),
+        ({"kinetic": lambda self, s, p: sp.Symbol("M") * s.x_dot**2}, r"unknown symbol .* is M; .*p\.M"),
+        ({"kinetic": lambda self, s, p: -p.M * s.x_dot**2}, "negative kinetic energy .*least inertia is -2"),
+        ({"kinetic": lambda self, s, p: sp.Integer(0)}, r"coordinate x .* without kinetic energy.*s\.x_dot"),
+        ({"applied": lambda self, s, p: s.force}, "no table of forces .*: applied is force_in; .*return {'x': ...}"),
+        ({"applied": lambda self, s, p: {}}, "acts on nothing: inputs is 'force'; .*s.force"),
+        ({"slip_velocity": System.slip_velocity}, "system drive without slip_velocity: Mine; define slip_velocity"),
+        (
+            {"slip_velocity": lambda self, s, p: {"hinge": s.x_dot}},
+            "slip_velocity .* not of its contacts.* is hinge; .*one",
+        ),
+        ({"normal_force": System.normal_force}, "system drive without a normal force: Mine"),
+        ({"coordinates": (Coordinate("x", ("x", "v")),)}, r"without three signals: signals is \('x', 'v'\)"),
+        ({"inputs": Input("force", "N", "")}, r"not a tuple of Input .*allowed: \(Input\(...\),\)"),
+        ({"parameters": (*SYSTEMS["drive"].parameters, Parameter("mu_c", "1", "", 0.1))}, "like one of a friction law"),
     ],
-    ids=["applied", "slip", "signals", "input"],
+    ids=lambda item: "-".join(item) if isinstance(item, dict) else "",
 )
 def test_a_system_that_would_leave_out_what_it_says_is_refused(change, said):
     with pytest.raises(UserError, match=said) as error:
