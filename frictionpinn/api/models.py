@@ -112,8 +112,10 @@ def made_system(given: System | str, where: str) -> System:
     extensions.load()
     made = choose(given, SYSTEMS, "system")() if isinstance(given, str) else given
     if not isinstance(made, System):
-        raise UserError("not a System", where=where, received=repr(made), allowed=", ".join(SYSTEMS),
-                        fix='make one: fp.system("drive", M=2.0)')  # fmt: skip
+        own = isinstance(made, Mechanism)
+        raise UserError("not a System", where=where, received=repr(made).partition("\n")[0][:60],
+                        allowed=", ".join(SYSTEMS), fix="take the mechanism's system, mechanism.system" if own else
+                        'make one: fp.system("drive", M=2.0)')  # fmt: skip
     return made
 
 

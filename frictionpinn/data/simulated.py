@@ -156,6 +156,10 @@ def _trial(
             )
         expressions[name] = parse_expression(str(text), f"{where}.{name}", constants)
     initial = _numbers(spec.get("initial", {}), f"{where}.initial")
+    for name in initial:
+        if name not in simulator.state_names:
+            raise UserError("unknown name", where=f"{where}.initial.{name}", allowed=", ".join(simulator.state_names),
+                            fix=nearest(name, simulator.state_names) or "use one of the allowed names")  # fmt: skip
     path = simulator.imposed(InputPath.from_expressions(mechanism, t, expressions, Session(start, k + 1)), truth)
     run = simulator.simulate(t, path, truth, initial, z0="steady")
     unused = {name for name in inputs if name not in expressions and name not in mechanism.predictions}

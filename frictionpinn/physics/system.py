@@ -102,7 +102,7 @@ class System:
         values = ", ".join(
             f"{par.name} = {self.values[par.name]:g} {readable_unit(par.unit)}" for par in self.parameters
         )
-        return f"{self.name}, {self.title}: {values}"
+        return f"{self.name}, {self.title}: {values}" + (", its motion imposed" if self.imposed else "")
 
     # what a subclass says ------------------------------------------------------------------------------------
     def kinetic(self, s: SimpleNamespace, p: SimpleNamespace) -> sp.Expr:
