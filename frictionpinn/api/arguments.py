@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from math import isfinite
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 from ..data.recording import Recording
@@ -55,6 +55,17 @@ def number_given(given: object, where: str, least: float = -float("inf")) -> flo
         more = f" above {least:g}" if isfinite(least) else ""
         raise UserError("not a number", where=where, received=repr(given), allowed=f"a finite number{more}")
     return number
+
+
+def seed_given(given: object) -> int:
+    """A seed.
+
+    Raises:
+        UserError: it is none.
+    """
+    if isinstance(given, bool) or not isinstance(given, Integral) or not 0 <= int(given) < 2**32:
+        raise UserError("impossible seed", where="seed", received=repr(given), allowed="a whole number from 0")
+    return int(given)
 
 
 def table_given(given: object, where: str, allowed: Collection[str] | None = None) -> dict[str, Any]:

@@ -88,6 +88,9 @@ def compensate(
     loop = {"interval": interval, "delay": delay, "resolution": resolution, "known": known, "stroke": stroke}
     made = build_compensator(config | options, axis, values, **loop)
     assert made is not None
+    if options.get("transition") is not None and not ("v_t" in made.names and "v_s" in values):
+        raise UserError("an option that nothing reads", where="transition", received=options["transition"],
+                        allowed="with a law that has v_t, beside a v_s", fix="leave it out")  # fmt: skip
     if folder is not None:
         try:
             Path(folder).mkdir(parents=True, exist_ok=True)

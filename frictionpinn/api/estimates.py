@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from ..data.recording import Recording
 from ..diagnose.diagnosis import Diagnosis
 from ..errors import UserError, nearest
+from ..evaluate.search_methods import METHODS
 from ..identify.bound import Bound
 from ..identify.bound import bound as cramer_rao
 from ..identify.problem import Problem
@@ -30,6 +31,7 @@ from .arguments import (
     names_given,
     number_given,
     recording_given,
+    seed_given,
     table_given,
     values_of,
 )
@@ -77,12 +79,33 @@ def fit(
     extensions.load()
     known_options("fit", options, [*_parameters_of(Problem.__init__)[3:], "epochs", "simulations"])
     mechanism, recording = mechanism_given(mechanism), recording_given(recording)
-    options = _checked(options, recording)
+    options, seed = _checked(options, recording), seed_given(seed)
+    _read(method, start, options)
+    _held(mechanism, options.get("free"), options.get("fixed") or {})
     if method in NETWORKS:
         _of_network(method, mechanism, options)
     admit(mechanism.system, recording, check, options.get("free") or ())
     with clock():
         return estimate(method, mechanism, recording, start=start, seed=seed, **options)
+
+
+def _read(method: str, start: object, options: Mapping[str, Any]) -> None:
+    """Raise :class:`UserError` for an option of another estimator: nothing would read it."""
+    network = method in NETWORKS or (isinstance(start, str) and start in NETWORKS)
+    readers = {"epochs": (network, NETWORKS), "simulations": (method in METHODS, METHODS)}
+    for key, (reads, methods) in readers.items():
+        if options.get(key) is not None and not reads:
+            raise UserError(f"an option that method='{method}' does not read", where=f"fit({key})",
+                            received=repr(options[key]), allowed=f"with method {', '.join(methods)}",
+                            fix="leave it out, or take such a method")  # fmt: skip
+
+
+def _held(mechanism: Mechanism, free: Collection[str] | None, fixed: Mapping[str, float]) -> None:
+    """Raise :class:`UserError` for a parameter of the law that ``free`` leaves out and that has no value."""
+    for par in mechanism.law.parameters if free is not None else ():
+        if par.value is None and par.name not in (*free, *fixed):  # type: ignore[misc]
+            raise UserError("a parameter that is neither free nor fixed", where=par.name, received="without a value",
+                            fix=f"give fixed={{'{par.name}': ...}}, or name it in free, too")  # fmt: skip
 
 
 def _of_network(method: str, mechanism: Mechanism, options: Mapping[str, Any]) -> None:
@@ -232,8 +255,16 @@ def _checked(options: Mapping[str, Any], recording: Recording) -> dict[str, Any]
         "bounds": lambda given: bounds_given(given, "bounds"),
         "sigmas": lambda given: table_given(given, "sigmas", signals),
         "windows": lambda given: number_given(given, "windows", least=0.0),
+        "epochs": lambda given: _whole(given, "epochs"),
+        "simulations": lambda given: given if given == float("inf") else number_given(given, "simulations", least=0.0),
     }
     return {key: checks[key](value) if key in checks and value is not None else value for key, value in options.items()}
+
+
+def _whole(given: object, where: str) -> int:
+    if number_given(given, where, least=0.0) != int(given):  # type: ignore[call-overload]
+        raise UserError("not a whole number", where=where, received=repr(given), allowed="a whole number from 1")
+    return int(given)  # type: ignore[call-overload]
 
 
 def _parameters_of(function: Any) -> list[str]:

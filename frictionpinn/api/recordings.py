@@ -20,7 +20,7 @@ from ..show import Shown, Table, readable_unit
 from ..workflow.build import build_recording
 from ..workflow.configs import CONF
 from ..workflow.vet import assumptions, findings_of, in_words
-from .arguments import mechanism_given, number_given, recording_given, table_given
+from .arguments import mechanism_given, number_given, recording_given, seed_given, table_given
 from .models import made_system
 
 Paths = str | os.PathLike | Iterable[str | os.PathLike]
@@ -110,7 +110,7 @@ def simulate(
     values = by_parameter(table_given(truth, "truth"), mechanism.law)
     check_truth(mechanism, values)
     clean = simulate_trials(mechanism, values, trials, number_given(rate_hz, "rate_hz", least=0.0))
-    return (noise if isinstance(noise, Noise) else GaussianNoise(number_given(noise, "noise")))(clean, seed)
+    return (noise if isinstance(noise, Noise) else GaussianNoise(number_given(noise, "noise")))(clean, seed_given(seed))
 
 
 @dataclass(frozen=True, repr=False)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..errors import UserError, choose, nearest
+from ..online.check import finite
 from ..physics import LAWS
 from ..physics.mechanism import Mechanism
 from .compensator import Compensator, check_axis, dry_friction
@@ -42,6 +43,10 @@ def build_compensator(
         if not isinstance(config[key], Mapping):
             raise UserError("no table by parameter", where=f"control.{key}", received=config[key],
                             allowed="a number by parameter, such as {mu_c: 0.1}")  # fmt: skip
+    for key, least in (("limit", "above 0"), ("disturbance", "from 0"), ("transition", "above 0")):
+        value = config[key]  # told as it was given, before it is multiplied
+        if value is not None and not (finite(value) and (value > 0 or (value == 0 and least == "from 0"))):
+            raise UserError("impossible value", where=key, received=value, allowed=f"a number {least}")
     level, own = dry_friction(mechanism, parameters), mechanism
     values = {name: value for name, value in (mechanism.system.values | dict(parameters)).items() if value is not None}
     if not level > 0:

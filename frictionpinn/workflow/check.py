@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..data.findings import Finding
+from ..data.split import split_trials
 from ..errors import UserError
 from .build import Config, build_noise, build_recording, build_system, check_pairing, seed_of
 from .configs import called
@@ -25,6 +26,8 @@ def check(cfg: Config) -> list[Finding]:
     check_pairing(cfg)
     system = build_system(cfg["system"])
     recording = build_noise(cfg["noise"])(build_recording(cfg["data"], system), seed_of(cfg))
+    if "held_out" in (data := cfg["data"]):  # what a fit of this recording would refuse
+        split_trials(recording.names, data["held_out"], data.get("validation"), data.get("training_trials"))
     lengths = [float(trial.t[-1] - trial.t[0]) for trial in recording.trials]
     count = len(recording.trials)
     rate = (len(recording) - count) / max(sum(lengths), 1e-300)

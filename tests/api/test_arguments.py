@@ -51,6 +51,17 @@ def test_what_is_no_mechanism_is_refused_with_how_to_make_one(log, call, given):
         (lambda m, log: fp.fit(m, log, bounds={"mu_c": ["a", 1]}), "not a number: bounds.mu_c is 'a'"),
         (lambda m, log: fp.fit(m, log, sigmas={"y": 1.0}), "unknown name: sigmas is 'y'; allowed: force, x, v, a"),
         (lambda m, log: fp.fit(m, log, windows=0), "not a number: windows is 0; allowed: a finite number above 0"),
+        (lambda m, log: fp.fit(m, log, epochs=3), "method='maximum_likelihood' does not read: fit.epochs. is 3; .*pe1"),
+        (lambda m, log: fp.fit(m, log, simulations=9), "does not read: fit.simulations. is 9.*nelder_mead"),
+        (lambda m, log: fp.fit(m, log, method="pe1", epochs=2.5), "not a whole number: epochs is 2.5"),
+        (lambda m, log: fp.fit(m, log, seed=-1), "impossible seed: seed is -1; allowed: a whole number from 0"),
+        (lambda m, log: fp.simulate(m, VALUES, TRIALS, seed=1.5), "impossible seed: seed is 1.5"),
+        (lambda m, log: fp.fit(m, log, free=["mu_c"]), r"neither free nor fixed: sigma_2 .*fixed={'sigma_2': ...}"),
+        (
+            lambda m, log: fp.simulate(m, VALUES, [TRIALS[0] | {"initial": {"q": 1}}]),
+            r"unknown name: data.trials\[0\].initial.q; allowed: x, v",
+        ),
+        (lambda m, log: fp.read("run.csv", m), r"not a System: read is drive\+coulomb_viscous: .*mechanism\.system"),
         (lambda m, log: fp.diagnose(m, log, held_out="10"), r"not a list of names: held_out is '10'"),
         (lambda m, log: fp.diagnose(m, log, start={"mu_c": -1}), "impossible value: start.mu_c is -1"),
         (lambda m, log: fp.diagnose(m, log, start={"foo": 1}), "unknown parameter: start.foo"),
@@ -98,3 +109,7 @@ def test_start_values_are_given_by_contact_too(monkeypatch):
     assert fp.diagnose(cart, log, start=values, check="warn")["start"] == values
     with pytest.raises(fp.UserError, match=r"rail\.mu_d"):
         fp.diagnose(cart, log, start={"rail": {"mu_d": 0.1}}, check="warn")
+
+
+def test_a_system_says_that_its_motion_is_imposed():
+    assert "imposed" in repr(fp.system("drive", imposed=True)) and "imposed" not in repr(fp.system("drive"))

@@ -23,6 +23,7 @@ from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.workflow import cli
 from frictionpinn.workflow.build import build_recording, build_system
+from frictionpinn.workflow.check import check
 from frictionpinn.workflow.diagnose import checked
 from frictionpinn.workflow.estimate import default_config
 from frictionpinn.workflow.result import doubts
@@ -169,6 +170,12 @@ def test_options_that_would_be_read_nowhere_are_refused(tmp_path):
     cfg = default_config(["system=drive", f"data.path={written(tmp_path, drive())}", "data.trial_column=lap"], "check")
     with pytest.raises(UserError, match=r"unknown column: data.trial_column is 'lap'; allowed: trial, t, force"):
         build_recording(cfg["data"], build_system(cfg["system"]))
+
+
+def test_trials_to_hold_out_that_there_are_not_are_refused_by_the_check_too(tmp_path):
+    given = ["system=drive", f"data.path={written(tmp_path, drive())}", "data.held_out=[9]"]
+    with pytest.raises(UserError, match=r"no such trial: data.held_out is 9; allowed: 1, 2, 3"):
+        check(default_config(given, "check"))
 
 
 def test_a_file_without_a_header_is_read_by_the_places_of_its_columns(tmp_path):
