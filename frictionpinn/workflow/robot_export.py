@@ -22,6 +22,7 @@ from ..robots.identify import declare
 from ..robots.motion import prepare
 from ..robots.whole import LAG
 from .build import Config
+from .diagnose import split
 from .manifest import RESULT, write_json
 from .provenance import commit, versions
 from .robot_bench import recorded
@@ -57,8 +58,7 @@ def export_robot(cfg: Config, result: dict[str, Any], forms: list[str]) -> dict[
                         allowed=", ".join(list(model["values"])[:3]), fix="run it again")  # fmt: skip
     fitted = replace(declared, values=model["values"], free=tuple(model["free"]))
     arm = Arm.identified(fitted)
-    used = recording.select(result["data"]["fitted"]) if result["data"]["fitted"] else recording
-    longest = max(used.trials or recording.trials, key=len)
+    longest = max(split(recording, config["data"])[0].trials, key=len)
     (trial,) = prepare(replace(recording, trials=(longest,)), robot, base, config["robot"]["cutoff_hz"])
     file = config["robot"]["file"]
     file = fetch("ur10e", ["urdf"])["urdf"] if file == "ur10e" and config["data"]["name"] == "ur10e" else file
