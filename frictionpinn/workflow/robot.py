@@ -29,12 +29,25 @@ from .build import Config, mapping
 from .configs import called
 from .manifest import write_json
 from .provenance import commit, versions
-from .robot_bench import Bench, bench, recorded, refuse_others
+from .robot_bench import EVERYWHERE, Bench, bench, defaults, recorded, refuse_others
 from .vet import in_words
 
 log = logging.getLogger(__name__)
 # Of other systems: a robot's motion is taken as measured, its parameters' scales are found from the recording.
+SEARCHES = {
+    "methods": "leave it out: a robot has one estimator, least squares of its balance",
+    "seeds": "leave it out: nothing is drawn at random",
+    "start": "give friction.start",
+    "epochs": "leave it out: no network is trained",
+    "simulations": "leave it out: nothing is simulated",
+    "jobs": "leave it out: there is one fit",
+    "bounds": "leave it out: there are none; hold a parameter with friction.fixed",
+}
 FITS = {
+    "inputs": "leave it out: the motion is smoothed beforehand",
+    "initial": "leave it out: nothing is simulated",
+    "loss": "leave it out: the fit is least squares",
+    "samples": "leave it out: all samples are looked at",
     "free": "hold parameters with friction.fixed, bodies with robot.inertia=known",
     "fallback": "leave it out: what is left is told as a function of one variable",
     "signals": "leave it out: torques are compared",
@@ -53,6 +66,8 @@ def check(cfg: Config) -> list[Finding]:
     Raises:
         UserError: it cannot be read, or a finding is grave.
     """
+    usual = defaults("check", cfg)
+    refuse_others("", cfg, EVERYWHERE | {"free": "leave it out: robot.inertia=free estimates the bodies"}, usual)
     robot, recording = recorded(cfg)
     count, lengths = len(recording.trials), [float(t.t[-1] - t.t[0]) for t in recording.trials]
     print(
@@ -81,6 +96,7 @@ def identify(cfg: Config, folder: Path) -> dict[str, Any]:
     Raises:
         UserError: anything that the user can mend.
     """
+    refuse_others("", cfg, SEARCHES | EVERYWHERE, defaults("identify", cfg))
     _refuse(cfg)
     b = bench(cfg)
     fitted, held_out = b.trials
@@ -121,8 +137,9 @@ def diagnose(cfg: Config, folder: Path) -> dict[str, Any]:
     Raises:
         UserError: anything that the user can mend.
     """
-    options = cfg["diagnose"]
-    refuse_others("diagnose", options, FITS)
+    options, usual = cfg["diagnose"], defaults("diagnose", cfg)
+    refuse_others("", cfg, EVERYWHERE, usual)
+    refuse_others("diagnose", options, FITS, usual["diagnose"])
     _refuse(cfg)
     b = bench(cfg)
     settings = _settings(cfg, options, b.fitted.names)

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from omegaconf import OmegaConf
+
 from ..data.public import fetch
 from ..data.recording import Recording
 from ..data.sets import load_public
@@ -19,11 +21,16 @@ from ..robots.identify import declare, joint_effect, without_motors
 from ..robots.motion import Prepared, prepare
 from ..robots.recording import TORQUE_AT, joint_names, read_robot
 from .build import Config, mapping
+from .configs import CONF, Configs
 from .diagnose import split
 from .vet import GO_ON, in_words
 
 log = logging.getLogger(__name__)
 # Options of other systems that would change what is fitted: of a robot nothing reads them.
+EVERYWHERE = {
+    "noise": "leave it out: recordings bring their own",
+    "smoothing": "leave it out: the smoother of a joint is found from its positions",
+}
 OTHERS = {
     "gains": "name the columns data.columns.current, and one factor for each joint robot.gains",
     "rate_hz": "leave it out: torques are thinned to what the low-pass leaves (robot.cutoff_hz)",
@@ -79,18 +86,37 @@ def recorded(cfg: Config) -> tuple[Robot, Recording]:
     return robot, recording
 
 
-def refuse_others(section: str, options: Config, names: Mapping[str, str]) -> None:
+def defaults(command: str, cfg: Config) -> Config:
+    """The configuration of a command with a robot and these data, without anything that a user has changed."""
+    configs, data = Configs(CONF, command), cfg["data"]["name"]
+    with configs.opened():
+        made = configs.compose(["system=robot", *([f"data={data}"] if data in configs.options("data") else [])])
+        return OmegaConf.to_container(made, resolve=True)  # type: ignore[return-value]
+
+
+def refuse_others(section: str, options: Config, names: Mapping[str, str], usual: Config | None = None) -> None:
     """Raise :class:`UserError` for an option that nothing reads of a robot.
 
     Args:
-        section: of the configuration.
+        section: of the configuration; empty for its top.
         options: in it.
         names: of such options -> what to do instead.
+        usual: the section as it is by itself, see :func:`defaults`; None: all of these options are null there.
     """
     for name, fix in names.items():
-        if options.get(name):
-            raise UserError("an option that a robot does not have", where=f"{section}.{name}", received=options[name],
-                            allowed="null", fix=fix)  # fmt: skip
+        value, before = options.get(name), (usual or {}).get(name)
+        if value == before or not (value or before):
+            continue
+        received, allowed = value, before
+        if isinstance(value, dict) and isinstance(before, dict) and value.get("name") != before.get("name"):
+            received, allowed = value.get("name"), before.get("name")  # the choice of a group
+        raise UserError("an option that a robot does not have", where=f"{section}.{name}".lstrip("."),
+                        received=plainly(received), allowed=plainly(allowed), fix=fix)  # fmt: skip
+
+
+def plainly(value: Any) -> str:
+    """A value as it is written in an option."""
+    return "null" if value is None else str(value)
 
 
 def bench(cfg: Config) -> Bench:

@@ -33,7 +33,7 @@ from .experiment import common_options
 from .manifest import write_json
 from .provenance import commit, versions
 from .result import final_losses
-from .robot_bench import Bench, bench
+from .robot_bench import EVERYWHERE, Bench, bench, defaults, refuse_others
 from .train import trained
 
 log = logging.getLogger(__name__)
@@ -87,6 +87,7 @@ def train_robot(cfg: Config, folder: Path, begin: float) -> dict[str, Any]:
 
 def _check(cfg: Config) -> None:
     """Raise :class:`UserError` for what networks of joints cannot be."""
+    refuse_others("", cfg, EVERYWHERE, defaults("train", cfg))
     if str(cfg["model"].get("bristle", "load")) != "load":
         raise UserError("the bristle of a joint starts from the identified one", where="model.bristle",
                         received=cfg["model"]["bristle"], allowed="load")  # fmt: skip

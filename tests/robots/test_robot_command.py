@@ -92,9 +92,36 @@ def test_an_arm_is_identified_by_command(folder):
         (["robot.payload=[loaded]"], "robot.payload is 'loaded'; allowed: log"),
         (["diagnose.effects=[drag@joint_2]"], "diagnose.effects is 'drag@joint_2'"),
         (["robot.inertia=some"], "unknown option: robot.inertia is 'some'"),
+        (["diagnose.loss=robust"], "a robot does not have: diagnose.loss is robust; allowed: auto; leave it out"),
+        (["diagnose.initial=rest"], "a robot does not have: diagnose.initial is rest; allowed: free"),
+        (["diagnose.samples=100"], "a robot does not have: diagnose.samples is 100; allowed: 50000"),
+        (["smoothing=savgol"], "a robot does not have: smoothing is savgol; allowed: none"),
+        (["noise=gaussian"], "a robot does not have: noise is gaussian; allowed: none"),
     ],
 )
 def test_a_mistake_ends_in_a_line(folder, more, said):
-    done = call("diagnose.py", *options(folder, *more), cwd=folder)
+    refused("diagnose.py", folder, more, said)
+
+
+@pytest.mark.parametrize(
+    ("script", "more", "said"),
+    [
+        ("identify.py", ["methods=[genetic]"], "a robot does not have: methods is ['genetic']; allowed: ['maximum_"),
+        ("identify.py", ["seeds=[1,2]"], "a robot does not have: seeds is [1, 2]; allowed: [0]"),
+        ("identify.py", ["start={mu_c: 1}"], "start is {'mu_c': 1}; allowed: null; give friction.start"),
+        ("identify.py", ["epochs=5"], "a robot does not have: epochs is 5; allowed: null"),
+        ("identify.py", ["bounds=near"], "a robot does not have: bounds is near; allowed: decade"),
+        ("identify.py", ["smoothing.offline.order=4"], "smoothing is {'name': 'kalman', 'offline': {'order': 4}"),
+        ("check.py", ["free=[mu_c]"], "a robot does not have: free is ['mu_c']; allowed: null"),
+        ("train.py", ["model=bb1", "smoothing=savgol"], "smoothing is savgol; allowed: kalman"),
+    ],
+)
+def test_options_of_other_systems_are_refused_where_they_are_not_as_they_are_by_themselves(folder, script, more, said):
+    data = [] if script == "check.py" else ["data=csv"]
+    refused(script, folder, [*data, *more], said)
+
+
+def refused(script, folder, more, said):
+    done = call(script, *options(folder, *more), cwd=folder)
     assert done.returncode == 2 and done.stderr.startswith("error: ") and done.stderr.count("\n") == 1, done.stderr
     assert said in done.stderr
