@@ -28,6 +28,7 @@ from ..physics.mechanism import Mechanism
 from ..physics.robot import Base, Robot
 from ..physics.robot_joint import RobotJoint
 from .motion import Prepared
+from .recording import joint_names
 from .whole import Whole
 
 WIDTH = 1.5  # standard deviation of a logarithm's prior about the start: a factor of 20 either way in 95 %
@@ -65,7 +66,7 @@ class Model:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the joints."""
-        return tuple(f"joint_{k + 1}" for k in range(len(self.robot.joints)))
+        return joint_names(len(self.robot.joints))
 
     def friction(self, k: int) -> ImposedFriction:
         """Friction of a joint."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from omegaconf import OmegaConf
@@ -37,8 +38,6 @@ OTHERS = {
     "validation": "say which trials take no part: data.held_out",
     "training_trials": "say which trials take no part: data.held_out",
 }
-
-
 @dataclass(frozen=True)
 class Bench:
     """A robot, its recording in parts, its declared model, and the parts ready for the balance."""
@@ -69,8 +68,7 @@ def recorded(cfg: Config) -> tuple[Robot, Recording]:
             allowed="csv, ur10e",
             fix="say data=csv data.path=...",
         )
-    file = fetch("ur10e", ["urdf"])["urdf"] if public and r["file"] == "ur10e" else r["file"]
-    robot = Robot.read(file, r["joints"], mapping(r, "locked", "robot"), r["gravity"])
+    robot = Robot.read(robot_file(cfg), r["joints"], mapping(r, "locked", "robot"), r["gravity"])
     if public:
         return robot, load_public("ur10e", **(data.get("options") or {}))
     recording = read_robot(
@@ -84,6 +82,12 @@ def recorded(cfg: Config) -> tuple[Robot, Recording]:
         coupling=r["coupling"],
     )
     return robot, recording
+
+
+def robot_file(cfg: Config) -> str | Path:
+    """The robot's file: the user's, or that of the public recordings."""
+    own = cfg["robot"]["file"]
+    return fetch("ur10e", ["urdf"])["urdf"] if own == "ur10e" and cfg["data"]["name"] == "ur10e" else own
 
 
 def defaults(command: str, cfg: Config) -> Config:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from ..data.public import fetch
 from ..errors import UserError
 from ..physics.base import FrictionLaw
 from ..physics.friction import CONTACT_LAWS
@@ -25,7 +24,7 @@ from .build import Config
 from .diagnose import split
 from .manifest import RESULT, write_json
 from .provenance import commit, versions
-from .robot_bench import recorded
+from .robot_bench import recorded, robot_file
 
 log = logging.getLogger(__name__)
 EXACT = 1e-6  # of the base parameters: a difference that no torque shows
@@ -60,10 +59,8 @@ def export_robot(cfg: Config, result: dict[str, Any], forms: list[str]) -> dict[
     arm = Arm.identified(fitted)
     longest = max(split(recording, config["data"])[0].trials, key=len)
     (trial,) = prepare(replace(recording, trials=(longest,)), robot, base, config["robot"]["cutoff_hz"])
-    file = config["robot"]["file"]
-    file = fetch("ur10e", ["urdf"])["urdf"] if file == "ur10e" and config["data"]["name"] == "ur10e" else file
     folder = Path(cfg["run"]) / "export"
-    handed = hand_on(arm, file, folder, (trial.t, trial.q, trial.v, trial.a), forms)
+    handed = hand_on(arm, robot_file(config), folder, (trial.t, trial.q, trial.v, trial.a), forms)
     notes = [f"left out of every form: {name}" for name in model["whole"] if name != LAG]
     if arm.misfit > EXACT:
         bodies, friction = arm.torques(trial.t, trial.q, trial.v, trial.a)
