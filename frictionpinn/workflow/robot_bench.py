@@ -38,6 +38,15 @@ OTHERS = {
     "validation": "say which trials take no part: data.held_out",
     "training_trials": "say which trials take no part: data.held_out",
 }
+# Of a log: what data=ur10e holds is known.
+_HELD = "leave it out: data=ur10e holds torques at all six joints, in SI units"
+READING = {
+    "robot": dict.fromkeys(("gains", "gear", "coupling"), _HELD),
+    "data": dict.fromkeys(("columns", "units"), _HELD),
+}
+ITS_JOINTS = dict.fromkeys(("joints", "locked"), "leave it out: in data=ur10e all six joints move")
+
+
 @dataclass(frozen=True)
 class Bench:
     """A robot, its recording in parts, its declared model, and the parts ready for the balance."""
@@ -68,6 +77,11 @@ def recorded(cfg: Config) -> tuple[Robot, Recording]:
             allowed="csv, ur10e",
             fix="say data=csv data.path=...",
         )
+    if public:
+        for section, names in READING.items():
+            refuse_others(section, cfg[section], names)
+        if r["file"] == "ur10e":  # a file of the user's may have a gripper, too
+            refuse_others("robot", r, ITS_JOINTS)
     robot = Robot.read(robot_file(cfg), r["joints"], mapping(r, "locked", "robot"), r["gravity"])
     if public:
         return robot, load_public("ur10e", **(data.get("options") or {}))

@@ -12,7 +12,10 @@ pytest.importorskip("pinocchio")
 
 from test_robot_balance import ARMATURE, MU, VISCOUS, motion
 
+from frictionpinn.errors import UserError
 from frictionpinn.physics.robot import Robot
+from frictionpinn.workflow.options import composed
+from frictionpinn.workflow.robot_bench import recorded
 
 EFFECTS = "diagnose.effects=[load_friction,constant_force,drag]"
 
@@ -125,3 +128,14 @@ def refused(script, folder, more, said):
     done = call(script, *options(folder, *more), cwd=folder)
     assert done.returncode == 2 and done.stderr.startswith("error: ") and done.stderr.count("\n") == 1, done.stderr
     assert said in done.stderr
+
+
+@pytest.mark.parametrize(
+    "more",
+    ["robot.gains=[1,1,1,1,1,1]", "robot.gear=[1,1,1,1,1,1]", "robot.coupling=[[1]]", "data.columns.q=pos_*",
+     "data.units.q=deg", "robot.locked.wrist_3_joint=0.5"],
+)  # fmt: skip
+def test_what_tells_how_a_log_is_read_is_refused_of_recordings_that_are_known(more):
+    cfg = composed("diagnose", ["preset=ur10e", more])
+    with pytest.raises(UserError, match=rf"a robot does not have: {more[:10]}.*; allowed: null; leave it out"):
+        recorded(cfg)
