@@ -19,12 +19,14 @@ from ..robots.balance import Model
 from ..robots.candidates import Term
 from ..robots.diagnose import ROBOT, Rest, RobotDiagnosis
 from ..robots.identify import joint_effect
+from ..robots.least_squares import Solution
 from ..robots.motion import Prepared
 from ..robots.rounds import Accepted
 from ..show import LOOKS, readable_unit
 from .words import number, span
 
 KINDS = {"force": "a torque", "friction": "friction"}
+NAMED = 3  # parameters by name in a sentence
 
 
 def headline(d: RobotDiagnosis) -> str:
@@ -39,6 +41,7 @@ def headline(d: RobotDiagnosis) -> str:
         for kind, j in by_effect.items()
     ]
     sentences = [f"Missing: {'; '.join(said)}." if said else "Nothing is missing that this recording could show."]
+    sentences += filter(None, [not_converged(d.fit)])
     for joint, rest in d.rest.items():
         sentences.append(f"{joint.replace('_', ' ').capitalize()}: {left_in_words(rest)}, which no name fits.")
     for name in scored_trials(d):
@@ -46,6 +49,20 @@ def headline(d: RobotDiagnosis) -> str:
         held = "held out" if name in held_names(d) else "fitted"
         sentences.append(f"Mean relative torque error on {name} ({held}): {before:.1f} % before, {after:.1f} % after.")
     return " ".join(sentences)
+
+
+def not_converged(solution: Solution) -> str:
+    """That a search ended before it had settled, and what to do; empty where it had."""
+    if solution.converged:
+        return ""
+    own = [n for n in solution.model.free if n.partition(".")[0] in solution.model.names]
+    untold = [n for n in own if not solution.told(n)]
+    of = f"what these data do not tell ({', '.join(untold[:NAMED])})" if untold else "what is known otherwise"
+    which = (untold or own or ["joint_1.mu_c"])[0]
+    return (
+        f"The search did not converge, its values and intervals are not final: hold {of} with "
+        f"friction.fixed.{which}=..., begin elsewhere with friction.start, or declare simpler laws."
+    )
 
 
 def joint_in(term: str) -> str:

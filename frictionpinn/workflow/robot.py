@@ -13,7 +13,7 @@ from ..data.findings import Finding
 from ..errors import UserError, choose, nearest
 from ..physics.base import contact_of, plain_name
 from ..physics.robot import INERTIAL, INERTIAL_UNITS
-from ..report.robot import draw, headline, in_text, rows, write_page
+from ..report.robot import draw, headline, in_text, not_converged, rows, write_page
 from ..robots.balance import as_text
 from ..robots.candidates import AT_JOINTS, ON_ROBOT
 from ..robots.check import inspect_robot
@@ -115,6 +115,8 @@ def identify(cfg: Config, folder: Path) -> dict[str, Any]:
     }
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "result.json", result)
+    if said := not_converged(solution):
+        log.warning(said)
     for name, p in result["parameters"].items():
         if not name.startswith("inertia."):
             told = "" if p["told"] else " (not told by these data)"

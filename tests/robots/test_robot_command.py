@@ -14,7 +14,9 @@ from test_robot_balance import ARMATURE, MU, VISCOUS, motion
 
 from frictionpinn.errors import UserError
 from frictionpinn.physics.robot import Robot
+from frictionpinn.robots import least_squares
 from frictionpinn.workflow.options import composed
+from frictionpinn.workflow.robot import identify
 from frictionpinn.workflow.robot_bench import recorded
 
 EFFECTS = "diagnose.effects=[load_friction,constant_force,drag]"
@@ -75,6 +77,14 @@ def test_an_arm_is_identified_by_command(folder):
     result = json.loads((folder / "identified/result.json").read_text())
     assert result["parameters"]["joint_1.mu_c"]["value"] == pytest.approx(MU[0], rel=0.05)
     assert "N m" in done.stdout
+
+
+def test_a_search_that_did_not_converge_says_so(folder, tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(least_squares, "STEPS", 1)
+    result = identify(composed("identify", [*options(folder, "data=csv", "friction=coulomb_viscous")]), tmp_path)
+    assert not result["converged"]
+    (said,) = [r.message for r in caplog.records if "did not converge" in r.message]
+    assert "hold what" in said and "friction.fixed.joint_1.mu_c=" in said
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,16 @@ from frictionpinn.robots.identify import declare
 )
 def test_the_headline_names_every_effect_with_its_joint_and_what_the_data_do_not_tell_from_it(found, said):
     accepted = [SimpleNamespace(term=Term(name, joint), alike=alike) for name, joint, alike in found]
-    d = SimpleNamespace(accepted=accepted, rest={}, errors={"1": np.array([[0.2], [0.1]])}, held_out=())
-    assert headline(d) == f"{said} Mean relative torque error on 1 (fitted): 20.0 % before, 10.0 % after."
+    fit, error = (
+        SimpleNamespace(converged=True),
+        "Mean relative torque error on 1 (fitted): 20.0 % before, 10.0 % after.",
+    )
+    d = SimpleNamespace(accepted=accepted, rest={}, errors={"1": np.array([[0.2], [0.1]])}, held_out=(), fit=fit)
+    assert headline(d) == f"{said} {error}"
+    model = SimpleNamespace(names=("joint_1",), free=("inertia.j1.m", "joint_1.mu_c", "joint_1.v_s", "lag"))
+    d.fit = SimpleNamespace(converged=False, model=model, told=lambda name: name == "joint_1.mu_c")
+    assert headline(d).startswith(f"{said} The search did not converge") and headline(d).endswith(error)
+    assert "(joint_1.v_s) with friction.fixed.joint_1.v_s=..." in headline(d)
 
 
 def test_units_of_effects_on_the_robot_are_those_of_joints_that_turn_and_slide(tmp_path):
