@@ -15,13 +15,14 @@ _LAW = re.compile(r"friction\.(\w+)=(.*)", re.DOTALL)
 _NAMED = re.compile(
     r"(?:robot\.locked|data\.(?:columns|units))\.\w+=.*", re.DOTALL
 )  # tables with names of the user's own
+_TABLE = re.compile(r"friction\.(?:start|bounds|fixed)=\{.*", re.DOTALL)
 _VALUE = re.compile(r"friction\.(?:start|bounds|fixed)\.\w+\.\w+=.*", re.DOTALL)
 
 
 def contact_options(arguments: Sequence[str]) -> list[str]:
     """The arguments with ``friction.hinge=coulomb`` as ``+friction.contacts.hinge=coulomb``, so that the law of one
-    contact reads like that of all; ``friction.fixed.hinge.mu_c=0.1`` and ``robot.locked.finger=0.0`` become new keys in
-    the same way."""
+    contact reads like that of all; ``friction.fixed.hinge.mu_c=0.1``, ``friction.fixed={hinge: {mu_c: 0.1}}`` and
+    ``robot.locked.finger=0.0`` become new keys in the same way."""
     return [_as_key(text) for text in arguments]
 
 
@@ -39,7 +40,7 @@ def options_of(law: FrictionLaw) -> list[str]:
 def _as_key(text: str) -> str:
     if _VALUE.fullmatch(text):
         return f"+{text}"
-    if _NAMED.fullmatch(text):
+    if _NAMED.fullmatch(text) or _TABLE.fullmatch(text):
         return f"++{text}"
     found = _LAW.fullmatch(text)
     if found is None or found[1] in KEYS:

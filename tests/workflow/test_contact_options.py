@@ -45,6 +45,15 @@ def test_values_are_those_of_all_contacts_or_of_one():
     assert by_parameter({"bearing.mu_c": 1.0, "rail": {"mu_c": 2.0}}, law) == {"rail.mu_c": 2.0, "bearing.mu_c": 1.0}
 
 
+@pytest.mark.parametrize("law", ["coulomb", "coulomb_viscous", "stribeck", "lugre"])
+def test_values_are_given_one_by_one_or_as_a_table(law):
+    for options in (["friction.fixed={mu_c: 0.1, bearing: {mu_c: 0.02}}"],
+                    ["friction.fixed.mu_c=0.1", "friction.fixed.bearing.mu_c=0.02"]):  # fmt: skip
+        cfg, laws = friction(f"friction={law}", *options)
+        table = law_table(cfg, "fixed", laws)
+        assert {name: x for name, x in table.items() if "mu_c" in name} == {"rail.mu_c": 0.1, "bearing.mu_c": 0.02}
+
+
 @pytest.mark.parametrize(
     "laws",
     [
