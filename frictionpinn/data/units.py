@@ -151,3 +151,12 @@ def of_dimension(signal_unit: str) -> list[str]:
     """Common names of units with the dimension of a signal's SI unit; none for a unit that pint does not know."""
     target = _try_parse(_SPELLING.get(signal_unit, signal_unit))
     return [] if target is None else _like(target)
+
+
+def like(unit: str, signal_unit: str) -> bool:
+    """Whether a unit can be that of a signal with this SI unit."""
+    try:
+        to_si(np.zeros(0), unit, signal_unit, "")
+    except UserError:
+        return False
+    return True

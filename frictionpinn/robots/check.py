@@ -145,29 +145,19 @@ def _standing(robot: Robot, recording: Recording) -> list[Finding]:
 def _limits(robot: Robot, trials: Sequence[Prepared]) -> list[Finding]:
     """Torques and velocities far beyond what the file allows."""
     findings = []
-    for key, values, name, hint in (
-        (
-            "velocity",
-            [t.v for t in trials],
-            "the rate of q",
-            "data.units={q: deg, default: SI} where it is in degrees, "
-            "or divide by the gear ratio where it is the motor's",
-        ),
-        (
-            "effort",
-            [t.tau for t in trials],
-            "tau",
-            "data.units={tau: N*mm, default: SI}, or columns of current with robot.gains",
-        ),
+    for key, values, name, kind, others, more in (
+        ("velocity", [t.v for t in trials], "the rate of q", "q", ("deg", "mm"), "divide by a motor's gear ratio"),
+        ("effort", [t.tau for t in trials], "tau", "tau", ("N*mm", "mN"), "name columns of current with robot.gains"),
     ):
         largest = np.quantile(np.abs(np.concatenate(values)), 0.99, axis=0)
         for k, (value, limit) in enumerate(zip(largest, robot.limits[key], strict=True)):
             if value > LIMIT * limit:
+                unit = others[0] if robot.turns[k] else others[1]
                 findings.append(
                     Finding(
                         f"{name}_{k + 1} reaches {value:.3g} where the robot file allows {limit:.3g}, "
                         f"a factor of {named_factor(value / limit)}",
-                        hint,
+                        f"if it is in {unit} say data.units={{{kind}: {unit}, default: SI}}, or {more}",
                         grave=True,
                     )
                 )

@@ -17,6 +17,7 @@ import numpy as np
 from ..data.read import Paths, find_files, read_recording
 from ..data.recording import Recording
 from ..data.tables import columns_of
+from ..data.units import like
 from ..errors import UserError, choose, nearest
 from ..physics.robot import Robot
 
@@ -63,8 +64,8 @@ def read_robot(
         robot: that they are of.
         columns: ``t``, and for each kind of signal (q, v, tau or current, temperature) a list of columns by joint or a
             pattern with a star for the joint's number, ``actual_q_*``. None: columns named q_1, v_1, tau_1.
-        units: kind or signal -> unit of its columns, of a signal rather than of its kind; ``default`` covers the
-            others. None: SI.
+        units: kind or signal -> unit of its columns, of a signal rather than of its kind; that of a kind is of the
+            joints whose dimension it has, deg of those that turn; ``default`` covers the others. None: SI.
         trial_column: column that names the trials; None: each file is one.
         gains, gear, coupling: see :func:`torques`.
 
@@ -85,6 +86,7 @@ def read_robot(
     given: dict[str, str] = {}
     for name, unit in sorted((units or {"default": "SI"}).items(), key=lambda item: item[0] not in KINDS):
         own = [f"{name}_{k + 1}" for k in range(len(robot.joints))] if name in KINDS else [name]
+        own = [n for n in own if n in wanted and like(unit, wanted[n])] or own  # of joints that turn, or that slide
         given |= {n: unit for n in own if n in table or n in ("t", "default") or n not in wanted}
     recording = read_recording(
         paths,

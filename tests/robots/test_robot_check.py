@@ -58,6 +58,16 @@ def test_motions_from_point_to_point_are_no_joints_that_stand_and_no_clipped_pos
     assert any("q_2 stays at its very end" in line and "clipped" in line for line in said), said
 
 
+@pytest.mark.parametrize(("joint", "unit", "factor"), [(1, "deg", 180 / np.pi), (3, "mm", 1e3)])
+def test_the_unit_that_is_advised_is_one_of_the_joint(tmp_path, joint, unit, factor):
+    sliding = Robot.read(urdf(tmp_path), locked={"j1": 0.0})
+    recording = recorded(sliding)
+    (trial,) = recording.trials
+    off = trial.signals | {f"q_{joint}": factor * trial.signals[f"q_{joint}"]}
+    said = [str(f) for f in inspect_robot(sliding, replace(recording, trials=(replace(trial, signals=off),)))]
+    assert any(f"data.units={{q: {unit}, default: SI}}" in line for line in said), said
+
+
 def test_a_clock_in_milliseconds_is_told(robot):
     recording = recorded(robot)
     (trial,) = recording.trials

@@ -59,6 +59,17 @@ def test_degrees_are_a_unit_and_angles_that_wrap_are_unwrapped(tmp_path, robot):
     np.testing.assert_allclose(np.diff(recording.trials[0].signals["q_1"]), 0.04, atol=1e-9)
 
 
+def test_a_unit_of_a_kind_is_of_the_joints_that_have_its_dimension(tmp_path):
+    robot, t = Robot.read(urdf(tmp_path), locked={"j1": 0.0}), np.arange(200) / 100  # the third slides
+    for unit, own in (("deg", [np.pi / 180, np.pi / 180, 1]), ("mm", [1, 1, 1e-3])):
+        units = {"q": unit, "default": "SI"}
+        (trial,) = read_robot(log(tmp_path), robot, columns=COLUMNS, units=units, gains=[1, 1, 1]).trials
+        for k, factor in enumerate(own, 1):
+            np.testing.assert_allclose(trial.signals[f"q_{k}"], factor * np.sin(k * t), atol=1e-12)
+    with pytest.raises(UserError, match="wrong dimension"):
+        read_robot(log(tmp_path), robot, columns=COLUMNS, units={"q": "N", "default": "SI"}, gains=[1, 1, 1])
+
+
 def test_a_unit_of_one_signal_goes_before_that_of_its_kind_in_either_order(tmp_path, robot):
     path = log(tmp_path, pos_2=np.degrees(np.sin(3 * np.arange(200) / 100)))
     for units in ({"q_3": "deg", "q": "rad", "default": "SI"}, {"q": "rad", "q_3": "deg", "default": "SI"}):
