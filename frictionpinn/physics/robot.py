@@ -31,6 +31,7 @@ from ..errors import UserError, nearest
 # Of each body, in pinocchio's order: mass, first moments, second moments about the joint's frame.
 INERTIAL = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 INERTIAL_UNITS = ("kg", *["kg*m"] * 3, *["kg*m^2"] * 6)
+OVER = 0.01  # of a joint's range: a lock beyond its limits by as much is a rounded number
 RANDOM = 40  # motions by which a base is found, for each body: columns are ten, and joints several
 TOLD = 1e-8  # of the largest diagonal of the QR: columns below depend on others, far above rounding
 
@@ -112,6 +113,14 @@ class Robot:
             if own.nv != 1:
                 raise UserError("joint that a number does not place", where=f"robot.locked.{name}", received=position,
                                 allowed="joints of one degree of freedom")  # fmt: skip
+            if own.nq == 1:
+                low, high = model.lowerPositionLimit[own.idx_q], model.upperPositionLimit[own.idx_q]
+                beyond = OVER * (high - low)
+                if low < high and not low - beyond <= position <= high + beyond:
+                    unit = "m" if _slides(own) else "rad"
+                    raise UserError("joint locked beyond its limits", where=f"robot.locked.{name}",
+                                    received=f"{position:g} {unit}", allowed=f"{low:g} to {high:g} {unit}",
+                                    fix="give it in SI units, or mend the limits of the robot file")  # fmt: skip
             reference[own.idx_q : own.idx_q + own.nq] = _place(own.nq, float(position))
         model = pin.buildReducedModel(model, [model.getJointId(n) for n in known if n not in wanted], reference)
         several = [n for n in list(model.names)[1:] if model.joints[model.getJointId(n)].nv != 1]
@@ -254,8 +263,11 @@ class Robot:
     @cached_property
     def turns(self) -> np.ndarray:
         """Whether a joint turns (rad, N m); others slide (m, N), shape (joints,)."""
-        kinds = [self.model.joints[self.model.getJointId(n)].shortname() for n in self.joints]
-        return np.array(["JointModelP" not in kind for kind in kinds])
+        return np.array([not _slides(self.model.joints[self.model.getJointId(n)]) for n in self.joints])
+
+
+def _slides(joint: Any) -> bool:
+    return "JointModelP" in joint.shortname()
 
 
 def _direction(gravity: Sequence[float]) -> np.ndarray:

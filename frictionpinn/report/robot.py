@@ -260,6 +260,7 @@ def torques_over_time(model: Model, trial: Prepared, lines: Mapping[str, np.ndar
         ax.set_visible(False)
     for ax in axes[max(len(model.names) - columns, 0) : len(model.names)]:
         ax.set_xlabel("time (s)")
+        ax.tick_params(labelbottom=True)  # a shared axis has its figures below the last row alone
     figure.suptitle(f"model less measurement, {trial.name}", fontsize=10)
     figure.legend(*axes[0].get_legend_handles_labels(), frameon=False, fontsize=8, loc="outside lower center", ncols=3)
     return figure

@@ -33,7 +33,7 @@ from .candidates import remainders
 from .identify import identify, narrowed, relative_errors
 from .least_squares import Solution, solve
 from .motion import Prepared
-from .rounds import SIMILAR, Accepted, Settings, frictions, round_at
+from .rounds import SIMILAR, Accepted, Settings, frictions, reasons, round_at
 from .score import Scorer
 
 ROBOT = "robot"
@@ -120,8 +120,7 @@ def diagnose(
         solution, kept = best
         accepted = [*accepted, *kept]
     solution, accepted = _needed(solution, accepted, refused, settings)
-    for a in accepted:
-        refused.pop(a.term.name, None)
+    refused = reasons(refused, accepted)
     rest, trifles = _left(solution, settings)
     verdicts = {}
     for k, joint in enumerate(model.names):

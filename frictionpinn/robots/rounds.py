@@ -1,6 +1,6 @@
 """One round of a robot's diagnosis: every term tested at a fit, and what is added of them.
 
-Public: :func:`round_at`, :class:`Accepted`, :class:`Settings`, :class:`Tried`, :func:`frictions`.
+Public: :func:`round_at`, :func:`reasons`, :class:`Accepted`, :class:`Settings`, :class:`Tried`, :func:`frictions`.
 """
 
 from __future__ import annotations
@@ -232,12 +232,22 @@ def _best(
         for o in good:
             if o is not t and _where(o) == _where(t):
                 refused[o.term.name] = (
-                    f"explains less than {t.term.name}"
-                    if o.term.name not in alike
-                    else (f"explains about as much as {t.term.name}: the recording hardly tells them apart")
+                    _alike_to(t.term) if o.term.name in alike else f"explains less than {t.term.name}"
                 )
         kept.append(Accepted(t, alike))
     return kept
+
+
+def reasons(refused: Mapping[str, str], accepted: Sequence[Accepted]) -> dict[str, str]:
+    """Why terms are refused in the end: a later round asked what is alike to one that was added beside it, where it has
+    nothing left to explain."""
+    alike = {name: _alike_to(a.term) for a in accepted for name in a.alike}
+    added = {a.term.name for a in accepted}
+    return {name: why for name, why in {**refused, **alike}.items() if name not in added}
+
+
+def _alike_to(term: Term) -> str:
+    return f"explains about as much as {term.name}: the recording hardly tells them apart"
 
 
 def _where(tried: Tried) -> int:

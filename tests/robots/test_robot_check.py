@@ -58,6 +58,15 @@ def test_motions_from_point_to_point_are_no_joints_that_stand_and_no_clipped_pos
     assert any("q_2 stays at its very end" in line and "clipped" in line for line in said), said
 
 
+def test_a_constant_torque_is_one_line(robot):
+    recording = recorded(robot)
+    (trial,) = recording.trials
+    flat = trial.signals | {"tau_2": np.full(len(trial.t), 5.0)}
+    findings = inspect_robot(robot, replace(recording, trials=(replace(trial, signals=flat),)))
+    (found,) = [f for f in findings if "tau_2" in str(f)]
+    assert found.grave and str(found).startswith("tau_2 is 5 throughout")
+
+
 @pytest.mark.parametrize(("joint", "unit", "factor"), [(1, "deg", 180 / np.pi), (3, "mm", 1e3)])
 def test_the_unit_that_is_advised_is_one_of_the_joint(tmp_path, joint, unit, factor):
     sliding = Robot.read(urdf(tmp_path), locked={"j1": 0.0})

@@ -90,6 +90,8 @@ def test_a_payload_is_a_body_fixed_to_the_last_one(tmp_path):
         ({"locked": {"fingr": 0.0}}, "unknown joint: robot.locked is 'fingr'; allowed: j1, j2, j3, finger"),
         ({"locked": {"finger": "shut"}}, "not a number: robot.locked.finger is 'shut'"),
         ({"locked": {"finger": float("nan")}}, "not a number: robot.locked.finger is nan"),
+        ({"locked": {"finger": 30}}, "joint locked beyond its limits: robot.locked.finger is 30 m; allowed: -3 to 3 m"),
+        ({"locked": {"j1": -30}}, "robot.locked.j1 is -30 rad; allowed: -3 to 3 rad"),
         ({"joints": ["j1", "j2", "j2"]}, "joint named twice: robot.joints is j2"),
         ({"gravity": [0, -9.81]}, "not a direction: robot.gravity is [0, -9.81]; allowed: three numbers"),
         ({"gravity": 9.81}, "not a direction: robot.gravity is 9.81"),

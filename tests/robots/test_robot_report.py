@@ -8,9 +8,10 @@ from arms import urdf
 
 from frictionpinn.physics import LAWS
 from frictionpinn.physics.robot import Base, Robot
-from frictionpinn.report.robot import headline
+from frictionpinn.report.robot import headline, torques_over_time
 from frictionpinn.robots.candidates import Term, on_robot
 from frictionpinn.robots.identify import declare
+from frictionpinn.robots.rounds import reasons
 
 
 @pytest.mark.parametrize(
@@ -34,6 +35,24 @@ def test_the_headline_names_every_effect_with_its_joint_and_what_the_data_do_not
     d.fit = SimpleNamespace(converged=False, model=model, told=lambda name: name == "joint_1.mu_c")
     assert headline(d).startswith(f"{said} The search did not converge") and headline(d).endswith(error)
     assert "(joint_1.v_s) with friction.fixed.joint_1.v_s=..." in headline(d)
+
+
+def test_what_is_alike_to_an_effect_is_refused_as_that():
+    """Beside the effect nothing is left to it: a later round would say that the motion does not tell it."""
+    added = SimpleNamespace(term=Term("load_friction@joint_2", 1), alike=("gain_error@joint_2",))
+    earlier = {"gain_error@joint_2": "this motion does not tell it", "drag@joint_1": "not significant",
+               "load_friction@joint_2": "not significant"}  # fmt: skip
+    why = "explains about as much as load_friction@joint_2: the recording hardly tells them apart"
+    assert reasons(earlier, [added]) == {"gain_error@joint_2": why, "drag@joint_1": "not significant"}
+
+
+def test_every_time_axis_with_a_label_has_its_figures():
+    model = SimpleNamespace(names=("joint_1", "joint_2", "joint_3"), robot=SimpleNamespace(turns=[True] * 3))
+    trial = SimpleNamespace(name="1", compared=np.arange(50) / 10)
+    off = np.random.default_rng(0).standard_normal((50, 3))
+    figure = torques_over_time(model, trial, {"before": off, "after": 0.5 * off})
+    labelled = [ax for ax in figure.axes if ax.get_xlabel()]
+    assert len(labelled) == 2 and all(ax.xaxis.get_tick_params()["labelbottom"] for ax in labelled)
 
 
 def test_units_of_effects_on_the_robot_are_those_of_joints_that_turn_and_slide(tmp_path):
