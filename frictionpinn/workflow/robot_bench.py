@@ -35,6 +35,7 @@ EVERYWHERE = {
 OTHERS = {
     "gains": "name the columns data.columns.current, and one factor for each joint robot.gains",
     "rate_hz": "leave it out: torques are thinned to what the low-pass leaves (robot.cutoff_hz)",
+    "max_samples": "leave it out: as many are read as there are",
     "validation": "say which trials take no part: data.held_out",
     "training_trials": "say which trials take no part: data.held_out",
 }
@@ -68,7 +69,7 @@ def recorded(cfg: Config) -> tuple[Robot, Recording]:
     r, data = cfg["robot"], cfg["data"]
     choose(str(r["torque"]), TORQUE_AT, "robot.torque")
     public = data["name"] == "ur10e"
-    refuse_others("data", data, OTHERS)
+    refuse_others("data", data, OTHERS, defaults("check", cfg)["data"])
     if data.get("for_system") not in (None, "robot") or data["name"] not in ("csv", "ur10e"):
         raise UserError(
             "data of another system",

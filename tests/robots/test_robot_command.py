@@ -99,6 +99,7 @@ def test_a_search_that_did_not_converge_says_so(folder, tmp_path, monkeypatch, c
         (["robot.payload=loaded"], "not a list of trials"),
         (["data.gains={tau: 5}"], "a robot does not have: data.gains is {'tau': 5}; allowed: null; name the columns"),
         (["data.rate_hz=50"], "a robot does not have: data.rate_hz is 50"),
+        (["data.max_samples=100"], "a robot does not have: data.max_samples is 100; allowed: 1000000; leave it out"),
         (["data.validation=[log]"], "a robot does not have: data.validation is ['log']"),
         (["friction.bounds.joint_2.mu_c=[0.1,1]"], "a robot does not have: friction.bounds is {'joint_2'"),
         (["diagnose.free=[mu_c]"], "a robot does not have: diagnose.free is ['mu_c']"),
