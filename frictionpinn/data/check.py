@@ -45,7 +45,8 @@ def check_trial(
             allowed=f"at least {MIN_SAMPLES}",
             fix="record longer, or leave this trial out",
         )
-    _check_finite({columns.get(n, n): y for n, y in {"t": trial.t, **trial.signals}.items()}, rows, where)
+    table = {columns.get(n, n): y for n, y in {"t": trial.t, **trial.signals}.items()}
+    _check_finite(table, rows, where, trial.name)
     _check_time(trial, rows, f"{where}, column '{columns.get('t', 't')}'", split)
 
 
@@ -99,8 +100,8 @@ def _check_present(trial: Trial, where: str, required: Iterable[str]) -> None:
             )
 
 
-def _check_finite(table: Mapping[str, np.ndarray], rows: np.ndarray, where: str) -> None:
-    """``table`` has the samples of every column, shape (n,) each."""
+def _check_finite(table: Mapping[str, np.ndarray], rows: np.ndarray, where: str, trial: str) -> None:
+    """``table`` has the samples of every column in a trial, shape (n,) each."""
     bad = {name: found for name, values in table.items() if len(found := np.flatnonzero(~np.isfinite(values)))}
     if not bad:
         return
@@ -112,7 +113,7 @@ def _check_finite(table: Mapping[str, np.ndarray], rows: np.ndarray, where: str)
         where=f"{where}, column '{name}', data row {rows[bad[name][0]]}",
         received="empty or NaN" if np.isnan(first) else f"{first:g}",
         allowed="finite numbers",
-        fix=f"fill or cut the {count} such row{'s' if count > 1 else ''}"
+        fix=f"fill or cut the {count} such row{'s' if count > 1 else ''} of trial '{trial}'"
         + (f", and those of {beside}" if others else ""),
     )
 

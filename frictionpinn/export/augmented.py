@@ -18,7 +18,8 @@ from ..physics.mechanism import Mechanism
 from ..physics.remainder import remainders
 from ..physics.system import System
 
-_HEAD = "# A friction model with the effects that a diagnosis added: python train.py friction=<this file>\n"
+_HEAD = "# A friction model with the effects that a diagnosis added"
+_TRAIN = ": python train.py friction=<this file>"  # of one contact: networks learn one
 
 
 def save_augmented(path: Path, d: Diagnosis, data: Mapping[str, Any] | None = None) -> Mechanism:
@@ -53,7 +54,8 @@ def save_augmented(path: Path, d: Diagnosis, data: Mapping[str, Any] | None = No
         paths = data.get("path")
         there = [str(Path(p).absolute()) for p in (paths if isinstance(paths, list) else [paths])] if paths else []
         content["data"] = dict(data) | ({"path": there} if there else {})
-    path.write_text(_HEAD + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    head = _HEAD + (_TRAIN if len(mechanism.contacts) == 1 else "") + "\n"
+    path.write_text(head + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     return mechanism
 
 

@@ -238,13 +238,15 @@ def at_bound(value: float, low: float, high: float) -> bool:
 def summarise(result: Mapping[str, Any], folder: Path) -> str:
     """What a person wants to read after a training."""
     lines = []
+    units = {name: readable_unit(entry["unit"]) for name, entry in result["parameters"].items()}
+    broad = max([10, *map(len, units.values())])
     if result["parameters"]:
         wide = max(10, *(len(name) + 2 for name in result["parameters"]))
-        lines.append(f"{'parameter':<{wide}}{'value':>12}  {'unit':<10}{'start':>12}{'truth':>12}")
+        lines.append(f"{'parameter':<{wide}}{'value':>12}  {'unit':<{broad}}{'start':>12}{'truth':>12}")
         for name, entry in result["parameters"].items():
             truth = f"{entry['truth']:>12.5g}" if "truth" in entry else f"{'':>12}"
             start = f"{entry['start']:>12.5g}" if entry["trained"] else f"{'fixed':>12}"
-            lines.append(f"{name:<{wide}}{entry['value']:>12.5g}  {readable_unit(entry['unit']):<10}{start}{truth}")
+            lines.append(f"{name:<{wide}}{entry['value']:>12.5g}  {units[name]:<{broad}}{start}{truth}")
     if "refined" in result:
         refined = result["refined"]
         lines.append(f"refined by maximum likelihood ({refined['outcome']}, {refined['seconds']:.1f} s):")
@@ -253,7 +255,7 @@ def summarise(result: Mapping[str, Any], folder: Path) -> str:
             value = np.nan if entry["value"] is None else entry["value"]
             truth = f"{entry['truth']:>12.5g}" if "truth" in entry else ""
             lines.append(
-                f"{name:<{wide}}{value:>12.5g}  {readable_unit(entry['unit']):<10}[{low:.5g}, {high:.5g}]{truth}"
+                f"{name:<{wide}}{value:>12.5g}  {readable_unit(entry['unit']):<{broad}} [{low:.5g}, {high:.5g}]{truth}"
             )
         lines += [f"  {sentence}" for sentence in refined["advice"]]
     whole = result["force_error"]

@@ -205,7 +205,7 @@ def test_missing_values_of_all_columns_are_told_at_once(tmp_path):
     gaps = table()
     gaps["t"][2] = gaps["x"][4] = gaps["x"][9] = np.nan
     refused(
-        r"column 't', data row 3 .*; fill or cut the 1 such row, and those of 'x' \(2\)",
+        r"column 't', data row 3 .*; fill or cut the 1 such row of trial 'a', and those of 'x' \(2\)",
         write_csv(tmp_path / "a.csv", gaps),
     )
 
