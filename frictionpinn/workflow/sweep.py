@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,7 @@ class Sweep:
                 self._launch(launcher, todo[first : first + max(batch, 1)])
         finally:
             if any(self._begun(job) for job in jobs):
-                self.kind.summarise(self.folder, jobs, self.told)
+                self.kind.summarise(self.folder, of_all_commands(read_manifest(self.folder)["jobs"]), self.told)
         failed = [job for job in jobs if not result_of(self.folder / job.folder)]
         cli.failed_jobs += len(failed)
         if failed:
@@ -167,6 +168,17 @@ class Sweep:
     def _settled(self, job: Job) -> bool:
         folder = self.folder / job.folder
         return result_of(folder) is not None or status_of(folder)["state"] == "failed"
+
+
+def of_all_commands(jobs: Sequence[Job]) -> list[Job]:
+    """Jobs of one folder, those of earlier commands too, each with every option that one of these varied: as its own
+    command gave it, or "default"."""
+    every, made = list(dict.fromkeys(key for job in jobs for key in job.swept)), []
+    for job in jobs:
+        given = dict(item.lstrip("+").partition("=")[::2] for item in job.overrides) | job.swept
+        kept = [key for key in every if key in given or key != "seed"]  # which a result tells
+        made.append(replace(job, swept={key: given.get(key, "default") for key in kept}))
+    return made
 
 
 def _plain(cfg: DictConfig) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from frictionpinn.workflow.manifest import Job, digest, read_manifest, result_of
 from frictionpinn.workflow.resume import resumed
 from frictionpinn.workflow.summary import groups, summarise_sweep
 from frictionpinn.workflow.summary_figure import summary_figure
-from frictionpinn.workflow.sweep import Sweep
+from frictionpinn.workflow.sweep import Sweep, of_all_commands
 
 
 def test_a_sweep_with_killed_jobs_that_was_killed_itself_ends_like_one_never_disturbed(tmp_path):
@@ -57,6 +58,7 @@ def test_further_values_in_the_folder_of_a_sweep_get_folders_of_their_own(tmp_pa
     assert (tmp_path / "s" / "2_pob_bb1_seed2" / "result.json").is_file()
     assert len(before) == 2 and all(path.read_bytes() == content for path, content in before.items())
     assert [job.number for job in read_manifest(tmp_path / "s")["jobs"]] == [0, 1, 2]
+    assert [row["seed"] for row in csv.DictReader((tmp_path / "s" / "summary.csv").open())] == ["0", "1", "2"]
 
 
 # ---- the parts, without training
@@ -99,6 +101,19 @@ def test_the_summary_has_a_row_for_each_job_and_mean_and_spread_for_each_group(t
     out = capsys.readouterr().out
     assert "1.5 ± 0.71 N" in out and "3 of 4 jobs finished" in out and "1 of 2" in out
     assert (tmp_path / "summary.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_jobs_of_several_commands_have_every_option_that_one_of_these_varied(tmp_path, capsys):
+    jobs = planned(tmp_path, [result("bb1", 0, 1.0), result("pe1", 1, 2.0), result("bb1", 2, 3.0)])
+    jobs = [replace(jobs[0], swept={"seed": "0"}, overrides=["model=bb1", "seed=0"]),
+            replace(jobs[1], swept={"model": "pe1"}, overrides=["model=pe1"]),
+            replace(jobs[2], swept={"+noise": "gaussian"}, overrides=["+noise=gaussian"])]  # fmt: skip
+    every = of_all_commands(jobs)
+    assert [job.swept["model"] for job in every] == ["bb1", "pe1", "default"]
+    assert [job.swept.get("seed") for job in every] == ["0", None, None]
+    summarise_sweep(tmp_path, every, "here")
+    assert [row["seed"] for row in csv.DictReader((tmp_path / "summary.csv").open())] == ["0", "1", "2"]
+    assert "3 of 3 jobs finished" in capsys.readouterr().out
 
 
 def test_the_summary_tells_the_parameters_of_several_contacts_apart(tmp_path, capsys):
