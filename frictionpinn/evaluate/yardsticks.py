@@ -11,6 +11,7 @@ from ..data.contact import ContactTrial
 from ..errors import choose
 from ..models import FrictionModel, StateEnsemble, StateModel
 from ..models.in_motion import InMotion
+from ..numerics.along import friction_alone
 from ..numerics.paths import InputPath
 from ..numerics.simulate import Simulator
 from ..numerics.simulation import ContactLost, Simulation, SimulationFailed
@@ -94,7 +95,11 @@ def online(predictor: Predictor) -> Online:
 def simulated_law(system: System, law: str | Mapping[str, str], parameters: Mapping[str, float]) -> InSimulation:
     """Simulation of a law, or of one for each contact, by the compiled simulator."""
     simulator = Simulator(Mechanism(system, law_named(law, "friction")))  # type: ignore[arg-type]
-    return lambda path, y0: simulator.simulate(path.t, path, dict(parameters), dict(y0), z0="steady")
+
+    def simulated(path: InputPath, y0: Start) -> Simulation:
+        return friction_alone(system, simulator.simulate(path.t, path, dict(parameters), dict(y0), z0="steady"))
+
+    return simulated
 
 
 class Joint:

@@ -20,9 +20,11 @@ from ..evaluate.estimators import error_against_time, table
 from ..evaluate.picture import save_png
 from ..evaluate.style import squared
 from ..evaluate.trajectory import Trajectory, simulate, simulation_error
-from ..evaluate.yardsticks import Candidate
+from ..evaluate.yardsticks import Candidate, Start
 from ..identify.result import Estimate
-from ..numerics.simulate import Simulator
+from ..numerics.along import friction_alone
+from ..numerics.paths import InputPath
+from ..numerics.simulate import Simulation, Simulator
 from ..physics import LAWS, System, extensions
 from ..physics.base import beside, plain_name
 from ..physics.contacts import by_parameter, law_named, laws_of
@@ -169,8 +171,12 @@ class Scorer:
         """None where a value is missing, the mechanism cannot be simulated, or there is nothing to compare with."""
         if not self.trajectories or not all(np.isfinite(value) for value in values.values()):
             return None
-        p = self.fixed | dict(values)
-        candidate = Candidate("", simulate=lambda path, y0: self.simulator.simulate(path.t, path, p, y0, z0="steady"))
+        p, system = self.fixed | dict(values), self.simulator.mechanism.system
+
+        def simulated(path: InputPath, y0: Start) -> Simulation:
+            return friction_alone(system, self.simulator.simulate(path.t, path, p, y0, z0="steady"))
+
+        candidate = Candidate("", simulate=simulated)
         errors = [simulation_error(simulate(candidate, item), item) for item in self.trajectories]
         if any("force_mse" not in error for error in errors):
             return None

@@ -109,3 +109,13 @@ def test_every_law_accepts_its_own_parameters(name):
     law = LAWS[name]()
     mechanism = Mechanism(SYSTEMS["pob"](), law)
     check_truth(mechanism, {par.name: typical.get(par.name, par.value) for par in law.parameters})
+
+
+def test_the_friction_of_an_imposed_motion_is_told_without_the_inertia_that_its_force_holds():
+    drive, truth = SYSTEMS["drive"](imposed=True, M=2.0), {"mu_c": 3.0, "sigma_2": 4.0}
+    recording = simulate_recording(drive, "coulomb_viscous", truth, [{"duration": 1.0, "x": "0.05*sin(6*t)"}], 200.0)
+    (trial,) = recording.trials
+    v, force = trial.signals["v"], trial.truth["friction_force"]
+    slides = np.abs(v) > 1e-3
+    np.testing.assert_allclose(force[slides], (3.0 * np.sign(v) + 4.0 * v)[slides], atol=1e-6)
+    np.testing.assert_allclose(trial.signals["force"] - force, 2.0 * trial.signals["a"], atol=1e-9)

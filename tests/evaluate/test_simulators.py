@@ -10,6 +10,7 @@ from frictionpinn.data.contact import ContactTrial
 from frictionpinn.errors import UserError
 from frictionpinn.evaluate import simulators as module
 from frictionpinn.evaluate.simulators import BULLET, SIMULATORS, fit, simulators
+from frictionpinn.evaluate.yardsticks import simulated_law
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.numerics.simulation import ContactLost
@@ -81,3 +82,14 @@ def test_a_simulator_that_is_not_installed_is_left_out_with_a_word(monkeypatch, 
     monkeypatch.setattr(module.importlib.util, "find_spec", lambda name: None)
     assert simulators(["mujoco"], POB, []) == {}
     assert "MuJoCo is not installed" in caplog.text
+
+
+def test_a_law_simulated_along_an_imposed_motion_has_its_friction_alone():
+    system, truth = SYSTEMS["drive"](imposed=True, M=2.0), {"mu_c": 3.0, "sigma_2": 4.0}
+    t = np.linspace(0, 1, 201)
+    signals = {"x": 0.05 * np.sin(6 * t), "v": 0.3 * np.cos(6 * t), "a": -1.8 * np.sin(6 * t)}
+    path = InputPath.from_signals(Mechanism(system, LAWS["coulomb_viscous"]()), t, signals)
+    found = simulated_law(system, "coulomb_viscous", truth)(path, {})
+    slides = np.abs(signals["v"]) > 1e-3
+    wanted = 3.0 * np.sign(signals["v"]) + 4.0 * signals["v"]
+    np.testing.assert_allclose(found.F[slides], wanted[slides], atol=1e-6)
