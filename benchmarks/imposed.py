@@ -20,11 +20,10 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from wide import cost_from_truth
 
 from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.identify import Problem, maximum_likelihood
-from frictionpinn.identify.trial import TrialModel
-from frictionpinn.numerics.descent import levenberg_marquardt
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.workflow.provenance import commit
@@ -76,8 +75,10 @@ def draw(seed: int) -> Case:
             return np.real(((1j * w) ** order * c) @ np.exp(1j * np.outer(w, t)))
 
         q, v, a = (motion(k, t) for k in range(3))
-        applied = load(kind, given, q, a) + friction(name, truth, t, partial(motion, 1))
-        clean.append(Trial(str(number), t, dict(zip((*moving.signals, force.name), (q, v, a, applied), strict=True))))
+        rubbing, z = friction(name, truth, t, partial(motion, 1))
+        signals = (q, v, a, load(kind, given, q, a) + rubbing)
+        named = dict(zip((*moving.signals, force.name), signals, strict=True))
+        clean.append(Trial(str(number), t, named, {"z": z}))
     sigmas = {n: level * np.concatenate([trial.signals[n] for trial in clean]).std() for n in clean[0].signals}
     noisy = [
         replace(own, signals={n: y + sigmas[n] * rng.standard_normal(len(y)) for n, y in own.signals.items()})
@@ -100,14 +101,14 @@ def load(kind: str, p: dict[str, float], q: np.ndarray, a: np.ndarray) -> np.nda
     return np.zeros_like(q)
 
 
-def friction(name: str, p: dict[str, float], t: np.ndarray, velocity: Callable) -> np.ndarray:
-    """Friction force along a velocity, a function of time, at the times t."""
+def friction(name: str, p: dict[str, float], t: np.ndarray, velocity: Callable) -> tuple[np.ndarray, np.ndarray]:
+    """Friction force and the bristle's state along a velocity, a function of time, at the times t, shape (n,) each."""
     v = velocity(t)
     dry = np.full_like(v, p["mu_c"])
     if name != "coulomb_viscous":
         dry = p["mu_c"] + (p["mu_s"] - p["mu_c"]) * np.exp(-((v / p["v_s"]) ** 2))
     if name != "lugre":
-        return dry * np.sign(v) + p["sigma_2"] * v
+        return dry * np.sign(v) + p["sigma_2"] * v, np.zeros_like(v)
 
     z = np.full_like(v, dry[0] / p["sigma_0"] * np.sign(v[0]))  # exact at a velocity that is held for a fine step
     h = (t[1] - t[0]) / FINE
@@ -118,30 +119,7 @@ def friction(name: str, p: dict[str, float], t: np.ndarray, velocity: Callable) 
             end = np.sign(u) * level / p["sigma_0"]
             here = end + (here - end) * np.exp(-p["sigma_0"] * abs(u) / level * h)
         z[k] = here
-    return p["sigma_0"] * z + p["sigma_1"] * (v - p["sigma_0"] * np.abs(v) / dry * z) + p["sigma_2"] * v
-
-
-def from_truth(problem: Problem, case: Case, sigmas: dict[str, float]) -> float:
-    """Cost of the fit that starts at the truth, true paths and bristles included, at these noise levels."""
-    problem = problem.varied(limits=problem.space.reaching(case.truth))
-    u = problem.space.to_search(case.truth)
-    models = problem.models_at(u)
-    locals_ = [_true_local(model, case, sigmas) for model in models]
-    evaluate = problem.evaluator(models, sigmas)
-    first = evaluate(u, locals_, True)
-    return levenberg_marquardt(evaluate, first, problem.space.limits, iterations=100).state.cost
-
-
-def _true_local(model: TrialModel, case: Case, sigmas: dict[str, float]) -> np.ndarray:
-    trial = next(t for t in case.clean.trials if t.name == model.trial.partition("[")[0])
-    here = np.searchsorted(trial.t, model.t[0]) + np.arange(len(model.t))
-    paths = [
-        item.basis.fit(
-            np.stack([trial.signals[n][here] for n in item.names]), np.array([sigmas[n] for n in item.names])
-        )[0]
-        for item in model.inputs
-    ]
-    return np.concatenate([[model.start[name] for name in model.states], *paths])
+    return p["sigma_0"] * z + p["sigma_1"] * (v - p["sigma_0"] * np.abs(v) / dry * z) + p["sigma_2"] * v, z
 
 
 def main() -> None:
@@ -155,7 +133,7 @@ def main() -> None:
         problem = Problem(case.mechanism, case.noisy)
         found = maximum_likelihood(problem)
         seconds.append(time.process_time() - began)
-        behind.append(found.cost - from_truth(problem, case, found.sigmas))
+        behind.append(found.cost - cost_from_truth(problem, case, found.sigmas)[1])
         ends = {n: found.ci95[n] for n in case.truth}
         missed = [n for n, (low, high) in ends.items() if not low <= case.truth[n] <= high]
         for name in case.truth:
