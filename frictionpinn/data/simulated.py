@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ..errors import UserError, nearest
-from ..numerics.along import friction_alone
 from ..numerics.paths import InputPath
 from ..numerics.session import Session
 from ..numerics.simulate import Simulator
@@ -162,7 +161,7 @@ def _trial(
             raise UserError("unknown name", where=f"{where}.initial.{name}", allowed=", ".join(simulator.state_names),
                             fix=nearest(name, simulator.state_names) or "use one of the allowed names")  # fmt: skip
     path = simulator.imposed(InputPath.from_expressions(mechanism, t, expressions, Session(start, k + 1)), truth)
-    run = friction_alone(mechanism.system, simulator.simulate(t, path, truth, initial, z0="steady"))
+    run = simulator.simulate(t, path, truth, initial, z0="steady")
     unused = {name for name in inputs if name not in expressions and name not in mechanism.predictions}
     signals = {name: values for name, values in run.signals.items() if name not in unused}
     truth_signals: dict[str, np.ndarray] = {}

@@ -16,7 +16,7 @@ from ..identify.likelihood import lowest_around
 from ..identify.problem import Problem
 from ..identify.tether import regained, tethered
 from ..identify.trial import TrialModel
-from ..numerics.along import friction_alone, samples
+from ..numerics.along import samples
 from ..numerics.descent import ENDED, GIVEN, Solution, coarse_to_fine
 from ..numerics.excess import rms
 from ..numerics.minima import assembled, carried
@@ -86,8 +86,8 @@ class Bench:
 
     @cached_property
     def runs(self) -> list[Simulation]:
-        """Every trial at the declared model's fit, with friction alone as its force."""
-        return [friction_alone(self.mechanism.system, run) for run in self.simulate(self.base)]
+        """Every trial at the declared model's fit."""
+        return self.simulate(self.base)
 
     @cached_property
     def covered(self) -> dict[str, np.ndarray]:

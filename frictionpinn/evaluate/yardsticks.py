@@ -11,7 +11,6 @@ from ..data.contact import ContactTrial
 from ..errors import choose
 from ..models import FrictionModel, StateEnsemble, StateModel
 from ..models.in_motion import InMotion
-from ..numerics.along import friction_alone
 from ..numerics.paths import InputPath
 from ..numerics.simulate import Simulator
 from ..numerics.simulation import ContactLost, Simulation, SimulationFailed
@@ -97,7 +96,7 @@ def simulated_law(system: System, law: str | Mapping[str, str], parameters: Mapp
     simulator = Simulator(Mechanism(system, law_named(law, "friction")))  # type: ignore[arg-type]
 
     def simulated(path: InputPath, y0: Start) -> Simulation:
-        return friction_alone(system, simulator.simulate(path.t, path, dict(parameters), dict(y0), z0="steady"))
+        return simulator.simulate(path.t, path, dict(parameters), dict(y0), z0="steady")
 
     return simulated
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import sympy as sp
@@ -37,11 +36,6 @@ def samples(system: System, run: Simulation, expression: sp.Expr) -> np.ndarray:
     symbols = sorted(expression.free_symbols, key=str)
     value = sp.lambdify(symbols, expression, "numpy")(*(known[s] for s in symbols))
     return np.broadcast_to(np.asarray(value, dtype=float), run.t.shape).copy()
-
-
-def friction_alone(system: System, run: Simulation) -> Simulation:
-    """A simulation with friction alone as its F: of an imposed motion it predicts the whole force, inertia included."""
-    return run if system.carried == 0 else replace(run, F=run.F - samples(system, run, system.carried))
 
 
 def fastest_period(runs: Sequence[Simulation]) -> float:

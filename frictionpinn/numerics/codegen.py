@@ -170,7 +170,8 @@ class Kernels:
 
     * ``newton``: R (n_w), dR/ds (n_w, n_s), dR/dw (n_w, n_w), least normal force (1).
     * ``parameters``: what ``newton`` writes, then dR/dp (n_w, n_p) and dR/du (n_w, n_u).
-    * ``outputs``: slip velocity, normal force, friction force of every contact (n_o = 3 contacts).
+    * ``outputs``: slip velocity, normal force, friction force of every contact (3 contacts), then the required force of
+      an imposed motion (1): n_o.
     * ``output_derivatives``: derivatives of the outputs, (n_o, n_s + n_w + n_p + n_u), in the order s, w, p, u.
 
     The files' names hold a hash of the equations: equal equations are compiled once on a machine.
@@ -197,7 +198,7 @@ class Kernels:
     @property
     def outputs(self) -> int:
         """Number n_o of outputs."""
-        return 3 * len(self.contacts)
+        return 3 * len(self.contacts) + self.mechanism.system.massless
 
     @cached_property
     def contacts(self) -> tuple[str, ...]:
@@ -225,11 +226,12 @@ class Kernels:
 
     @cached_property
     def _outputs(self) -> list[sp.Expr]:
-        return [
+        found = [
             sp.sympify(expr)
             for contact in self.mechanism.contacts
             for expr in (contact.motion[CONTACT.v], contact.motion[CONTACT.N], contact.friction)
         ]
+        return [*found, self.mechanism.required] if self.mechanism.system.massless else found
 
     @cached_property
     def key(self) -> str:

@@ -91,8 +91,8 @@ def differentiate(
 
 
 def named(mechanism: Mechanism, ds: np.ndarray, dw: np.ndarray, outputs: np.ndarray | None) -> dict[str, np.ndarray]:
-    """Derivatives of states, their rates and (slip velocity, normal force, friction force) of every contact, all
-    (n, ..., n_sens), by what they are derivatives of."""
+    """Derivatives of states, their rates and outputs (see :class:`.codegen.Kernels`), all (n, ..., n_sens), by what
+    they are derivatives of; the required force by the name of the input that it is measured as."""
     m, zero, bristles = len(mechanism.free), np.zeros((len(ds), ds.shape[2])), list(mechanism.bristles)
     result: dict[str, np.ndarray] = {}
     for k, contact in enumerate(mechanism.contacts):
@@ -104,6 +104,8 @@ def named(mechanism: Mechanism, ds: np.ndarray, dw: np.ndarray, outputs: np.ndar
         result |= zip((at_contact(contact.name, name) for name in ("z", "zdot")), moving, strict=True)
     for j, coordinate in enumerate(mechanism.free):
         result.update(zip(coordinate.signals, (ds[:, j], ds[:, m + j], dw[:, j]), strict=True))
+    if mechanism.system.massless and outputs is not None:
+        result |= {item.name: outputs[:, -1] for item in mechanism.system.inputs}
     return result
 
 

@@ -78,7 +78,7 @@ class Drive:
 class Sensors:
     """What the sensors of the predicted signals show, and its derivatives.
 
-    Only signals whose sensor an effect changes are touched, and the force of a massless system added.
+    Only signals whose sensor an effect changes are touched.
     """
 
     def __init__(self, mechanism: Mechanism, parameters: tuple[str, ...], delays: Delays):
@@ -94,7 +94,7 @@ class Sensors:
         self.partial: dict[str, tuple[tuple[str, ...], Callable]] = {}
         for name, truth in predictions.items():
             expr = mechanism.outputs[name]
-            if expr == truth and name not in self.delays and not mechanism.system.massless:
+            if expr == truth and name not in self.delays:
                 continue
             enter = [par for par in mechanism.parameters if par.symbol in expr.free_symbols]
             derivatives = [sp.diff(expr, symbol) for symbol in (truth, *(par.symbol for par in enter))]
@@ -112,11 +112,16 @@ class Sensors:
         return frozenset(entering | late)
 
     def read(self, t: np.ndarray, truth: Mapping[str, np.ndarray], p: np.ndarray) -> Signals:
-        """Return what the sensors show, name -> (n,); ``truth`` has all true signals and, where massless, the force."""
+        """Return what the sensors show, name -> (n,); ``truth`` has all true signals."""
         return {name: function(self._late(name, t, truth, truth, p)[0], *p) for name, function in self.shown.items()}
 
     def differentiate(
-        self, t: np.ndarray, truth: Mapping[str, np.ndarray], changes: Signals, p: np.ndarray, names: tuple[str, ...]
+        self,
+        t: np.ndarray,
+        truth: Mapping[str, np.ndarray],
+        changes: Mapping[str, np.ndarray],
+        p: np.ndarray,
+        names: tuple[str, ...],
     ) -> Signals:
         """Return derivatives of what the sensors show, name -> (n, n_sens).
 

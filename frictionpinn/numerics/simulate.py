@@ -130,7 +130,7 @@ class Simulator:
         found = integrate_path(self.kernels, path, vector, start, (rtol, atol, solve), steps)
         truth = observed(self.kernels, path, recorded, vector, *found)
         result = truth
-        if shown := self._sensors.read(path.t, self._known(truth.signals, truth.F), vector):
+        if shown := self._sensors.read(path.t, truth.signals, vector):
             result = replace(truth, signals=truth.signals | shown)
         if not wanted.names:
             return result
@@ -223,14 +223,9 @@ class Simulator:
         truth = dict(inputs.signals)
         for j, c in enumerate(self.mechanism.free):
             truth.update(zip(c.signals, (run.q[:, j], run.v[:, j], run.a[:, j]), strict=True))
-        known, by_truth = self._known(truth, run.F), self._known(changes, changes.get("F"))
-        return dict(changes) | self._sensors.differentiate(inputs.t, known, by_truth, p, tuple(names))
-
-    def _known(self, signals: Mapping[str, np.ndarray], force: np.ndarray | None) -> dict[str, np.ndarray]:
-        """The signals, and the force of a massless system under its input's name."""
-        if force is None or not self.mechanism.system.massless:
-            return dict(signals)
-        return dict(signals) | {item.name: force for item in self.mechanism.system.inputs}
+        if run.required is not None:
+            truth |= {item.name: run.required for item in self.mechanism.system.inputs}
+        return dict(changes) | self._sensors.differentiate(inputs.t, truth, changes, p, tuple(names))
 
     # what the caller gave -------------------------------------------------------------------------------------
     def _named(self, values: Values, names: tuple[str, ...], where: str) -> dict[str, float]:

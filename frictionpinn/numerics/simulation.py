@@ -62,8 +62,7 @@ class Simulation:
         v_slip, N, F: slip velocity, normal force and friction force, shape (n,). With several contacts these and the
             bristle states have the shape (n, contacts), and :meth:`at` gives those of one.
         signals: name -> samples, shape (n,): free and driven coordinates and inputs, named as in a recording; as the
-            sensors show them where an effect changes a sensor. The input of a massless system is its predicted
-            force.
+            sensors show them where an effect changes a sensor. The input of a massless system is the required force.
         steps: the integrator's steps.
         states, unknowns: what it solved for, at the samples: (q, v, states of effects, z) and their rates.
         sensitivity_names: what the sensitivities are taken with respect to, in order.
@@ -71,6 +70,7 @@ class Simulation:
             ``zdot``, ``v_slip``, ``N`` and ``F`` (``hinge.F`` with several contacts), of a massless system's input
             too; empty where none were asked for.
         contacts: names of the contacts; one without a name where there is no other.
+        required: force that an imposed motion requires, before its sensor, shape (n,); None where none is imposed.
     """
 
     t: np.ndarray
@@ -89,6 +89,7 @@ class Simulation:
     sensitivity_names: tuple[str, ...] = ()
     sensitivities: dict[str, np.ndarray] = field(default_factory=dict)
     contacts: tuple[str, ...] = ("",)
+    required: np.ndarray | None = field(repr=False, default=None)
 
     def at(self, contact: str) -> Simulation:
         """What happened at one contact: slip velocity, forces and bristle state of shape (n,).

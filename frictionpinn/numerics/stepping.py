@@ -113,7 +113,7 @@ def observed(
     mechanism, m, count = kernels.mechanism, len(kernels.mechanism.free), len(kernels.mechanism.contacts)
     kernel = pointer(kernels.plain.outputs)
     outputs = _integrator().evaluate_samples(kernel, states, unknowns, path.samples, p, kernels.outputs)
-    v_slip, normal, friction = outputs[:, ::3], outputs[:, 1::3], outputs[:, 2::3]
+    v_slip, normal, friction = (outputs[:, k : 3 * count : 3] for k in range(3))
     if not (normal > 0).all():
         raise ContactLost(path.t[int(np.argmin((normal > 0).all(axis=1)))], len(steps))
     q, v, a = states[:, :m], states[:, m : 2 * m], unknowns[:, :m]
@@ -123,8 +123,12 @@ def observed(
     signals = dict(recorded.signals)
     for j, c in enumerate(mechanism.free):
         signals.update(zip(c.signals, (q[:, j], v[:, j], a[:, j]), strict=True))
+    required = outputs[:, -1] if mechanism.system.massless else None
+    if required is not None:
+        signals |= {item.name: required for item in mechanism.system.inputs}
     at_contacts = (z, zdot, v_slip, normal, friction)
     z, zdot, v_slip, normal, friction = (values[:, 0] for values in at_contacts) if count == 1 else at_contacts
     return Simulation(
-        path.t, q, v, a, z, zdot, v_slip, normal, friction, signals, steps, states, unknowns, contacts=kernels.contacts
-    )
+        path.t, q, v, a, z, zdot, v_slip, normal, friction, signals, steps, states, unknowns, contacts=kernels.contacts,
+        required=required,
+    )  # fmt: skip

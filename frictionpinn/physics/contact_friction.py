@@ -110,11 +110,10 @@ class ContactFriction:
 
     @cached_property
     def friction(self) -> sp.Expr:
-        """Friction force of law and effects in terms of the motion, z and z'; with the inertia of an imposed motion."""
+        """Friction force of law and effects in terms of the motion, z and z'."""
         m = self.mechanism
         force = sp.sympify(self.law.force(self.seen, self.p))
-        force = self.in_motion(sum((e.force(self.seen, m.p, m.law) for e in self.effects), start=force))
-        return force + self._replaced(self.system.carried)
+        return self.in_motion(sum((e.force(self.seen, m.p, m.law) for e in self.effects), start=force))
 
     @cached_property
     def bristle_rate(self) -> sp.Expr:

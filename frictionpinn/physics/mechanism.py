@@ -21,7 +21,7 @@ from .effect import Effect, State
 from .effects import chosen
 from .system import Coordinate, System
 
-FRICTION = sp.Symbol("F_f", real=True)
+REQUIRED = sp.Symbol("F_required", real=True)  # the value of Mechanism.required at a sample
 
 
 @dataclass(frozen=True, repr=False)
@@ -209,6 +209,11 @@ class Mechanism(Shown):
         rows += [contact.zdot - contact.bristle_rate for contact in self.bristles]
         return tuple(rows)
 
+    @cached_property
+    def required(self) -> sp.Expr:
+        """Force that an imposed motion requires: friction and what its inertia and other forces take."""
+        return self.only.friction + self._replaced(self.system.carried)
+
     # the only contact, see ContactFriction -------------------------------------------------------------------
     @property
     def contact(self) -> dict[sp.Symbol, sp.Expr]:
@@ -235,9 +240,9 @@ class Mechanism(Shown):
     # what is measured ----------------------------------------------------------------------------------------
     @property
     def predictions(self) -> dict[str, sp.Symbol]:
-        """Signal -> symbol of the truth that a simulation predicts; F_f where the motion is imposed."""
+        """Signal -> symbol of the truth that a simulation predicts; the required force of an imposed motion."""
         if self.system.massless:
-            return {item.name: FRICTION for item in self.system.inputs}
+            return {item.name: REQUIRED for item in self.system.inputs}
         return {name: symbol for c in self.free for name, symbol in zip(c.signals, c.symbols, strict=True)}
 
     @cached_property
@@ -288,6 +293,6 @@ class Mechanism(Shown):
     @cached_property
     def clocks(self) -> tuple[sp.Symbol, ...]:
         """What enters the equations of the time of the trial, the time of the session and the trial's number."""
-        forces = [contact.friction for contact in self.contacts]
+        forces = [self.required] if self.system.massless else [contact.friction for contact in self.contacts]
         found = set().union(*(sp.sympify(expr).free_symbols for expr in (*self.residuals, *forces)))
         return tuple(symbol for symbol in (TIME, SESSION, TRIAL) if symbol in found)

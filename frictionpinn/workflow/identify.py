@@ -22,7 +22,6 @@ from ..evaluate.style import squared
 from ..evaluate.trajectory import Trajectory, simulate, simulation_error
 from ..evaluate.yardsticks import Candidate, Start
 from ..identify.result import Estimate
-from ..numerics.along import friction_alone
 from ..numerics.paths import InputPath
 from ..numerics.simulate import Simulation, Simulator
 from ..physics import LAWS, System, extensions
@@ -171,10 +170,10 @@ class Scorer:
         """None where a value is missing, the mechanism cannot be simulated, or there is nothing to compare with."""
         if not self.trajectories or not all(np.isfinite(value) for value in values.values()):
             return None
-        p, system = self.fixed | dict(values), self.simulator.mechanism.system
+        p = self.fixed | dict(values)
 
         def simulated(path: InputPath, y0: Start) -> Simulation:
-            return friction_alone(system, self.simulator.simulate(path.t, path, p, y0, z0="steady"))
+            return self.simulator.simulate(path.t, path, p, y0, z0="steady")
 
         candidate = Candidate("", simulate=simulated)
         errors = [simulation_error(simulate(candidate, item), item) for item in self.trajectories]

@@ -67,9 +67,9 @@ def test_bumps_cover_the_range_of_their_variable():
     assert spread[first] + (BUMPS - 1) * spread[step] == pytest.approx(3.0, abs=0.05)
 
 
-def test_the_motion_of_one_coordinate_can_be_imposed_and_then_carries_its_inertia():
+def test_the_motion_of_one_coordinate_can_be_imposed_and_then_requires_the_force_of_its_inertia():
     system = SYSTEMS["drive"](imposed=True, M=2.0)
-    force = Mechanism(system, LAWS["coulomb_viscous"]()).friction
+    force = Mechanism(system, LAWS["coulomb_viscous"]()).required
     assert sp.diff(force, system.coordinates[0].symbols[2]) == sp.Symbol("M", real=True)
     with pytest.raises(UserError, match="cannot be imposed"):
         SYSTEMS["pob"](imposed=True)

@@ -9,8 +9,9 @@ from motions import all_values, path, simulator, values
 from short_paths import T
 
 from frictionpinn.numerics.paths import InputPath
-from frictionpinn.numerics.simulate import SimulationFailed
-from frictionpinn.physics import SYSTEMS
+from frictionpinn.numerics.simulate import SimulationFailed, Simulator
+from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.physics.system import TIME
 
 STEPS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
@@ -130,3 +131,17 @@ def test_the_force_of_an_imposed_motion_keeps_its_sensitivities():
     sim, p = simulator("damper", "lugre"), values("lugre")
     full, found = (sim.simulate(T, path(sim), p, sensitivities=["mu_c"], contact=flag) for flag in (True, False))
     assert np.array_equal(found.sensitivities["F"], full.sensitivities["F"]) and full.sensitivities["F"].any()
+
+
+def test_an_imposed_motion_requires_friction_and_inertia_and_its_friction_is_told_alone():
+    system, effects = SYSTEMS["drive"](imposed=True, M=2.0), ("payload", "sensor_scale")
+    sim = Simulator(Mechanism(system, LAWS["coulomb_viscous"](), effects))
+    motion = {"x": 0.05 * np.sin(6 * T), "v": 0.3 * np.cos(6 * T), "a": -1.8 * np.sin(6 * T)}
+    p = {"mu_c": 3.0, "sigma_2": 4.0, "payload_M": 0.5, "scale_force": 0.05}
+    run = sim.simulate(T, motion, p, sensitivities=["payload_M", "scale_force", "sigma_2"])
+    np.testing.assert_allclose(run.required, run.F + 2.5 * motion["a"])
+    np.testing.assert_allclose(run.signals["force"], 1.05 * run.required)
+    wanted = [1.05 * motion["a"], run.required, 1.05 * motion["v"]]
+    np.testing.assert_allclose(run.sensitivities["force"].T, wanted, atol=1e-12)
+    zero = np.zeros(len(T))
+    np.testing.assert_allclose(run.sensitivities["F"].T, [zero, zero, motion["v"]], atol=1e-12)

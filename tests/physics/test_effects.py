@@ -23,7 +23,7 @@ from frictionpinn.errors import UserError
 from frictionpinn.physics import EFFECTS, LAWS, SYSTEMS, Effect
 from frictionpinn.physics.base import TRIAL
 from frictionpinn.physics.effects import effects_for
-from frictionpinn.physics.mechanism import FRICTION, Mechanism
+from frictionpinn.physics.mechanism import REQUIRED, Mechanism
 from frictionpinn.physics.scan import SCALES, Scan, data_scales
 
 # ---- what an effect says of itself
@@ -96,7 +96,7 @@ def test_derivatives_at_neutral_values_are_finite_and_not_zero(name):
             late = any(strength in terms for terms in mechanism.delays.values())
             found = []
             for slip in (0.0, 1e-4, 2e-3, 0.1):
-                slow = {c.symbols[1].name: slip for c in mechanism.system.moving} | {"F_f": 1.0}
+                slow = {c.symbols[1].name: slip for c in mechanism.system.moving} | {REQUIRED.name: 1.0}
                 state = random_values(mechanism, 1) | values | slow
                 found += list(function(mechanism, *slopes)(state)[-len(slopes) :])
             assert np.isfinite(found).all(), strength
@@ -132,8 +132,8 @@ def test_an_effect_is_consistent_in_its_units(name):
         units = mechanism.units | {"z": slip, "zdot": f"{slip}/s", "age": slip, "age_dot": f"{slip}/s"}
         units |= {"t": "s", "t_session": "s"}
         units |= {s.name: u for c in mechanism.system.moving for s, u in zip(c.symbols, c.units, strict=True)}
-        units |= {item.symbol.name: item.unit for item in mechanism.system.inputs} | {FRICTION.name: force}
-        values = random_values(mechanism, 0) | {FRICTION.name: 1.0}
+        units |= {item.symbol.name: item.unit for item in mechanism.system.inputs} | {REQUIRED.name: force}
+        values = random_values(mechanism, 0) | {REQUIRED.name: 1.0}
         values |= dict.fromkeys(strengths(mechanism, name), 0.01) | {"presliding": 0.5}
         result = mechanism.system.signal_units
         wanted = {mechanism.friction: force, mechanism.contact[sp.Symbol("N", real=True)]: force}
