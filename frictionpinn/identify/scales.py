@@ -171,7 +171,7 @@ def _sliding_regression(
         along = {contact.name: contact.system.jacobian[c.name] for contact in mechanism.contacts}
         if any(J != 0 for J in along.values()):
             balance = system.residual(c) + sum(J * forces[name] for name, J in along.items())
-            inertia = sp.diff(balance, c.symbols[2])  # else no masses would balance best
+            inertia = sp.diff(system.residual(c), c.symbols[2])  # else no masses would balance best
             functions.append(motion_function(system, balance / (inertia if inertia != 0 else 1)))
     stacked = {key: np.concatenate([m.signals[key][m.fast] for m in motions]) for key in motions[0].signals}
     known = zero | dict(values) | dict.fromkeys(extra, 0.0)

@@ -157,3 +157,13 @@ def test_the_strength_that_is_zero_has_a_bound_in_its_own_unit():
     assert found.relative["drag"] == np.inf
     assert 0 < found.covariance[1, 1] ** 0.5 < 0.01
     assert "drag" in str(found)
+
+
+def test_the_inertia_of_a_mechanism_declared_without_any_is_estimated():
+    mechanism, times = Mechanism(SYSTEMS["damper"](), LAWS["coulomb_viscous"](), ("inertia",)), np.arange(801) / 200
+    path = InputPath.from_expressions(mechanism, times, {"x": 0.02 * sp.cos(9 * t)})
+    run = Simulator(mechanism).simulate(times, path, {"mu_c": 3.0, "sigma_2": 20.0, "inertia": 0.5})
+    signals = {name: run.signals[name] for name in ("x", "v", "a", "force")}
+    noisy = GaussianNoise(0.02)(Recording((Trial("1", times, signals),), {"x": "m"}), 0)
+    low, high = maximum_likelihood(mechanism, noisy, free=("mu_c", "sigma_2", "inertia")).ci95["inertia"]
+    assert low < 0.5 < high and high - low < 0.1
