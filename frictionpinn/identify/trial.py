@@ -122,7 +122,7 @@ class TrialModel:
             signals, shape (orders, n); their derivatives, shape (orders, n, size + own), in its coefficients ``values``
             and in those of the parameters ``names`` that its sensors have; and these.
         """
-        truth, design, sensors = item.basis.design @ values, item.basis.design, self.simulator.motion_sensors
+        truth, design, sensors = item.basis.values(values), item.basis.design, self.simulator.motion_sensors
         if not (joint and sensors.of(item.names)):
             return truth, design, ()
         vector, own = self.simulator.parameters(p), tuple(n for n in sensors.of(item.names) if n in names)

@@ -23,6 +23,7 @@ from numba.core.types.function_type import CompileResultWAP
 from sympy.printing.pycode import PythonCodePrinter
 
 from ..physics import CONTACT
+from ..physics.base import at_contact
 from ..physics.mechanism import Mechanism
 from .partial import Partials
 
@@ -195,10 +196,16 @@ class Kernels:
         """Lengths of s, w, u and p."""
         return tuple(len(symbols) for symbols in self.symbols)  # type: ignore[return-value]
 
+    @cached_property
+    def output_names(self) -> tuple[str, ...]:
+        """Names of the outputs, those of contacts as :class:`.simulation.Simulation` has them."""
+        at = (at_contact(contact, name) for contact in self.contacts for name in ("v_slip", "N", "F"))
+        return (*at, *(self.mechanism.predictions if self.mechanism.system.massless else ()))
+
     @property
     def outputs(self) -> int:
         """Number n_o of outputs."""
-        return 3 * len(self.contacts) + self.mechanism.system.massless
+        return len(self.output_names)
 
     @cached_property
     def contacts(self) -> tuple[str, ...]:

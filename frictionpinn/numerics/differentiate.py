@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..physics.base import at_contact
-from ..physics.mechanism import Mechanism
 from .bristle import start_changes
 from .codegen import Kernels, pointer
 from .paths import Directions, InputPath
@@ -46,12 +45,12 @@ def differentiate(
     """Return name -> derivatives, shape (n, n_sens), as in ``Simulation.sensitivities``.
 
     The steps are held; apart from that the derivatives are exact. ``steady`` says of each bristle that its initial
-    state was that of ``steady_bristles`` and moves with the parameters; without ``contact``, slip velocity, normal and
-    friction force are left out.
+    state was that of ``steady_bristles`` and moves with the parameters; without ``contact``, what acts there is left
+    out, see :func:`wanted_outputs`.
     """
     from . import sensitivity  # compiles on a new installation: not before it is needed
 
-    mechanism, m, n = kernels.mechanism, len(kernels.mechanism.free), len(path.t)
+    m, n = len(kernels.mechanism.free), len(path.t)
     n_s, n_w, _, _ = kernels.sizes
     given = wanted.directions
     ds, dw = np.zeros((n, n_s, len(wanted.names))), np.zeros((n, n_w, len(wanted.names)))
@@ -75,37 +74,39 @@ def differentiate(
             steps.size,
             steps.unknowns,
         )
-    outputs = None
-    if contact:
-        kernel = pointer(kernels.sensitivity.output_derivatives)
-        outputs = sensitivity.output_sensitivities(
-            kernel, states, unknowns, path.samples, p, ds, dw, wanted.columns, given.samples, given.support,
-            kernels.outputs,
-        )  # fmt: skip
+    which, kernel = wanted_outputs(kernels, contact), pointer(kernels.sensitivity.output_derivatives)
+    outputs = sensitivity.output_sensitivities(
+        kernel, states, unknowns, path.samples, p, ds, dw, wanted.columns, given.samples, given.support,
+        which, kernels.outputs,
+    ) if len(which) else np.zeros((0, n, len(wanted.names)))  # fmt: skip
     if not np.array_equal(given.order, np.arange(len(given.order))):
         first = len(wanted.names) - len(given)
         as_given = np.concatenate([np.arange(first), first + given.order])
-        ds, dw = ds[:, :, as_given], dw[:, :, as_given]
-        outputs = None if outputs is None else outputs[:, :, as_given]
-    return named(mechanism, ds, dw, outputs)
+        ds, dw, outputs = ds[:, :, as_given], dw[:, :, as_given], outputs[:, :, as_given]
+    return named(kernels, ds, dw, which, outputs)
 
 
-def named(mechanism: Mechanism, ds: np.ndarray, dw: np.ndarray, outputs: np.ndarray | None) -> dict[str, np.ndarray]:
-    """Derivatives of states, their rates and outputs (see :class:`.codegen.Kernels`), all (n, ..., n_sens), by what
-    they are derivatives of; the required force by the name of the input that it is measured as."""
+def wanted_outputs(kernels: Kernels, contact: bool) -> np.ndarray:
+    """Places of outputs: all, or without ``contact`` those of an imposed motion that a likelihood asks for, the
+    required force and the slip velocity whose sign it follows."""
+    names, imposed = kernels.output_names, kernels.mechanism.predictions if kernels.mechanism.system.massless else {}
+    return np.array([k for k, name in enumerate(names) if contact or (imposed and name in {"v_slip", *imposed})], int)
+
+
+def named(
+    kernels: Kernels, ds: np.ndarray, dw: np.ndarray, which: np.ndarray, outputs: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Derivatives of states and their rates, (n, ..., n_sens), and of the outputs ``which``, (len(which), n, n_sens),
+    by the names of what they are derivatives of."""
+    mechanism = kernels.mechanism
     m, zero, bristles = len(mechanism.free), np.zeros((len(ds), ds.shape[2])), list(mechanism.bristles)
-    result: dict[str, np.ndarray] = {}
-    for k, contact in enumerate(mechanism.contacts):
-        if outputs is not None:
-            own = np.moveaxis(outputs[:, 3 * k : 3 * k + 3], 1, 0)
-            result |= zip((at_contact(contact.name, name) for name in ("v_slip", "N", "F")), own, strict=True)
+    result = {kernels.output_names[k]: own for k, own in zip(which, outputs, strict=True)}
+    for contact in mechanism.contacts:
         place = bristles.index(contact) - len(bristles) if contact in bristles else None
         moving = (zero, zero) if place is None else (ds[:, place], dw[:, place])
         result |= zip((at_contact(contact.name, name) for name in ("z", "zdot")), moving, strict=True)
     for j, coordinate in enumerate(mechanism.free):
         result.update(zip(coordinate.signals, (ds[:, j], ds[:, m + j], dw[:, j]), strict=True))
-    if mechanism.system.massless and outputs is not None:
-        result |= {item.name: outputs[:, -1] for item in mechanism.system.inputs}
     return result
 
 

@@ -177,34 +177,40 @@ def propagate(
     return states, unknowns
 
 
-@njit(types.float64[:, :, ::1](KERNEL, F2, F2, F2, F1, F3, F3, I1, F3, I2, types.int64), **OPTIONS)
-def output_sensitivities(kernel, states, unknowns, inputs, p, dstates, dunknowns, columns, dinputs, support, n_out):
-    """Total derivatives of the outputs at every sample, shape (n, n_out, n_c).
+@njit(types.float64[:, :, ::1](KERNEL, F2, F2, F2, F1, F3, F3, I1, F3, I2, I1, types.int64), **OPTIONS)
+def output_sensitivities(
+    kernel, states, unknowns, inputs, p, dstates, dunknowns, columns, dinputs, support, which, n_out
+):
+    """Total derivatives of the outputs ``which`` at every sample, shape (len(which), n, n_c).
 
     ``kernel`` writes the partial derivatives in s, w, p and u, (n_out, n_s + n_w + n_p + n_u); dinputs is du/dc of
-    the last entries of c, shape (n_directions, n, recorded inputs).
+    the last entries of c, shape (n_directions, n, recorded inputs), by the interval where each first acts.
     """
     n, n_s, n_w, n_p, n_u = states.shape[0], states.shape[1], unknowns.shape[1], p.shape[0], inputs.shape[1]
     n_c = columns.shape[0]
     first, width = n_c - dinputs.shape[0], n_s + n_w + n_p + n_u
-    result = np.zeros((n, n_out, n_c))
+    result = np.zeros((len(which), n, n_c))
     out = np.zeros(n_out * width)
+    begin = 0
     for k in range(n):
         kernel(states[k], unknowns[k], inputs[k], p, out)
-        for i in range(n_out):
-            row = i * width
+        while begin < dinputs.shape[0] and k > support[begin, 1] + 1:
+            begin += 1
+        for i in range(len(which)):
+            row = which[i] * width
             for d in range(n_s):
                 for c in range(n_c):
-                    result[k, i, c] += out[row + d] * dstates[k, d, c]
+                    result[i, k, c] += out[row + d] * dstates[k, d, c]
             for d in range(n_w):
                 for c in range(n_c):
-                    result[k, i, c] += out[row + n_s + d] * dunknowns[k, d, c]
-            for c in range(n_c):
+                    result[i, k, c] += out[row + n_s + d] * dunknowns[k, d, c]
+            for c in range(first):
                 if columns[c] >= 0:
-                    result[k, i, c] += out[row + n_s + n_w + columns[c]]
-            for j in range(dinputs.shape[0]):
-                if k < support[j, 0] or k > support[j, 1] + 1:
-                    continue
-                for d in range(dinputs.shape[2]):
-                    result[k, i, first + j] += out[row + n_s + n_w + n_p + d] * dinputs[j, k, d]
+                    result[i, k, c] += out[row + n_s + n_w + columns[c]]
+            for j in range(begin, dinputs.shape[0]):
+                if k < support[j, 0]:
+                    break
+                if k <= support[j, 1] + 1:
+                    for d in range(dinputs.shape[2]):
+                        result[i, k, first + j] += out[row + n_s + n_w + n_p + d] * dinputs[j, k, d]
     return result

@@ -194,7 +194,6 @@ class Simulator:
         contact: bool,
     ) -> dict[str, np.ndarray]:
         """Derivatives of everything that a simulation shows, by name; without ``contact`` not of what acts there."""
-        contact = contact or self.mechanism.system.massless  # whose sensor shows a force
         changes = differentiate(self.kernels, path, p, run.states, run.unknowns, run.steps, wanted, steady, contact)
         return self.shown(run, inputs, p, changes, wanted.names)
 
@@ -224,7 +223,7 @@ class Simulator:
         for j, c in enumerate(self.mechanism.free):
             truth.update(zip(c.signals, (run.q[:, j], run.v[:, j], run.a[:, j]), strict=True))
         if run.required is not None:
-            truth |= {item.name: run.required for item in self.mechanism.system.inputs}
+            truth |= dict.fromkeys(self.mechanism.predictions, run.required)
         return dict(changes) | self._sensors.differentiate(inputs.t, truth, changes, p, tuple(names))
 
     # what the caller gave -------------------------------------------------------------------------------------

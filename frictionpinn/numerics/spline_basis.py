@@ -74,6 +74,12 @@ class PathBasis:
         """Polynomial coefficients between the samples of the spline with these, shape (n - 1, orders, 6)."""
         return combined(coefficients, self.pieces, np.array(self.breaks, np.int64))
 
+    def values(self, coefficients: np.ndarray) -> np.ndarray:
+        """Value and derivatives at the samples of the spline with these, shape (orders, n)."""
+        path = self.path(coefficients)
+        last = path[-1] @ (self.t[-1] - self.t[-2]) ** np.arange(DEGREE + 1)
+        return np.concatenate([path[:, :, 0], last[None]]).T
+
     def fit(self, y: np.ndarray, sigmas: np.ndarray, beside: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Weighted least squares on y, shape (orders, n), NaN where missing; sigmas, shape (orders,).
 

@@ -125,7 +125,7 @@ def observed(
         signals.update(zip(c.signals, (q[:, j], v[:, j], a[:, j]), strict=True))
     required = outputs[:, -1] if mechanism.system.massless else None
     if required is not None:
-        signals |= {item.name: required for item in mechanism.system.inputs}
+        signals |= dict.fromkeys(mechanism.predictions, required)
     at_contacts = (z, zdot, v_slip, normal, friction)
     z, zdot, v_slip, normal, friction = (values[:, 0] for values in at_contacts) if count == 1 else at_contacts
     return Simulation(

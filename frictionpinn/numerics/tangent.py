@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from .codegen import pointer
-from .differentiate import Wanted, named, start_sensitivity
+from .differentiate import Wanted, named, start_sensitivity, wanted_outputs
 from .paths import Directions, InputPath
 from .simulate import Simulator, Values
 from .simulation import Simulation
@@ -75,7 +75,7 @@ class Tangent:
         from . import sensitivity, tangent_recursions
 
         simulator, run, k = self.simulator, self.run, len(strengths)
-        kernels, mechanism, n = simulator.kernels, simulator.mechanism, len(self.path.t)
+        kernels, m, n = simulator.kernels, len(simulator.mechanism.free), len(self.path.t)
         at = {name: i for i, name in enumerate(simulator.parameter_names)}
         values = np.repeat(self.p[None], len(shapes), axis=0)
         for row, shape in zip(values, shapes, strict=True):
@@ -85,21 +85,21 @@ class Tangent:
         start = self._start(tuple(strengths), columns, values)
         S, W, U, factors, pivots, rows = self._linear
         ds, dw = tangent_recursions.respond(
-            kernel, METHOD.a, n, len(mechanism.free), S, W, U, factors, pivots, rows, values, k, start,
+            kernel, METHOD.a, n, m, S, W, U, factors, pivots, rows, values, k, start,
             run.steps.interval, run.steps.size, kernels.outputs,
         )  # fmt: skip
-        outputs = None
-        if contact or mechanism.system.massless:
+        which, outputs = wanted_outputs(kernels, contact), np.zeros((0, n, start.shape[1]))
+        if len(which):
             none = Directions.of({}, self.inputs.coefficients.shape)
             nowhere = np.full(start.shape[1], -1, dtype=np.int64)
             outputs = sensitivity.output_sensitivities(
                 pointer(kernels.sensitivity.output_derivatives), run.states, run.unknowns, self.path.samples, self.p,
-                ds, dw, nowhere, none.samples, none.support, kernels.outputs,
+                ds, dw, nowhere, none.samples, none.support, which, kernels.outputs,
             )  # fmt: skip
             outputs += tangent_recursions.direct(
-                kernel, run.states, run.unknowns, self.path.samples, values, k, kernels.outputs
+                kernel, run.states, run.unknowns, self.path.samples, values, k, which, kernels.outputs
             )
-        return simulator.shown(run, self.inputs, self.p, named(mechanism, ds, dw, outputs), ())
+        return simulator.shown(run, self.inputs, self.p, named(kernels, ds, dw, which, outputs), ())
 
     def _start(self, strengths: tuple[str, ...], columns: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Derivative of the initial state, shape (n_s, shapes * strengths): 0 but where a state starts at rest."""

@@ -116,16 +116,18 @@ def respond(kernel, a, n, m, S, W, U, factors, pivots, rows, shapes, strengths, 
     return states, unknowns
 
 
-@njit(F3(KERNEL, F2, F2, F2, F2, types.int64, types.int64), **OPTIONS)
-def direct(kernel, states, unknowns, inputs, shapes, strengths, n_out):
-    """What the outputs change by the strengths at once, shape (n, n_out, shapes * strengths): the last entries of
-    ``kernel``, (n_out, strengths)."""
+@njit(F3(KERNEL, F2, F2, F2, F2, types.int64, I1, types.int64), **OPTIONS)
+def direct(kernel, states, unknowns, inputs, shapes, strengths, which, n_out):
+    """What the outputs ``which`` change by the strengths at once, shape (len(which), n, shapes * strengths).
+
+    They are the last entries of ``kernel``, (n_out, strengths).
+    """
     n, n_w = states.shape[0], unknowns.shape[1]
-    result, out = np.empty((n, n_out, shapes.shape[0] * strengths)), np.zeros((n_w + n_out) * strengths)
+    result, out = np.empty((len(which), n, shapes.shape[0] * strengths)), np.zeros((n_w + n_out) * strengths)
     for k in range(n):
         for j in range(shapes.shape[0]):
             kernel(states[k], unknowns[k], inputs[k], shapes[j], out)
-            for i in range(n_out):
+            for i in range(len(which)):
                 for g in range(strengths):
-                    result[k, i, j * strengths + g] = out[(n_w + i) * strengths + g]
+                    result[i, k, j * strengths + g] = out[(n_w + which[i]) * strengths + g]
     return result

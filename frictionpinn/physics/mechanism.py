@@ -242,7 +242,7 @@ class Mechanism(Shown):
     def predictions(self) -> dict[str, sp.Symbol]:
         """Signal -> symbol of the truth that a simulation predicts; the required force of an imposed motion."""
         if self.system.massless:
-            return {item.name: REQUIRED for item in self.system.inputs}
+            return {self.system.inputs[0].name: REQUIRED}
         return {name: symbol for c in self.free for name, symbol in zip(c.signals, c.symbols, strict=True)}
 
     @cached_property
