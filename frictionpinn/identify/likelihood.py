@@ -9,9 +9,9 @@ past samples (:mod:`frictionpinn.numerics.stops`). So the search goes
 1. over whole trials, noisy inputs among the unknowns, held to the motion that was measured and let go of, each minimum
    the start of the next (:mod:`frictionpinn.identify.tether`), at the noise levels that the residuals show
    (:func:`_settled`);
-2. where that leaves what is not white, the same from a coarse resolution in time to the sample before, and from other
-   starts, too: a design over what the sliding samples do not tell and a grid over what moves together, those that fit
-   best held by the shortest tether (:func:`_elsewhere`);
+2. where that leaves what is not white, the same from a coarse resolution in time to the sample before, unless the
+   motion is imposed and no error adds up, and from other starts, too: a design over what the sliding samples do not
+   tell and a grid over what moves together, those that fit best held by the shortest tether (:func:`_elsewhere`);
 3. around what was found, with a bristle in each trial's own unknowns (:func:`lowest_of_trials`), and by ways that show
    lower minima of the parameters (:func:`lowest_around`). Trials share the parameters alone: the likelihood has its
    minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each trial has been
@@ -97,8 +97,8 @@ def maximum_likelihood(
     before = problem.simulations
     given = [problem.start] if start is None else [problem.start, problem.start | dict(start)]
     us, held, sigmas = [problem.space.to_search(p) for p in given], tethered(problem), dict(problem.sigmas)
-    seen = Seen()
-    path = Path(problem, held, sigmas, coarse=held is None)
+    seen, simulated = Seen(), bool(problem.mechanism.free)
+    path = Path(problem, held, sigmas, coarse=held is None and simulated)
     ends = followed(path, us, path.stages, seen)
     if ends:
         settled = _settled(problem, ends[0][1], ends[0][0], sigmas)
@@ -212,15 +212,18 @@ def _elsewhere(
     """Fits of the whole trials from a coarse resolution on, best first, and noise levels to begin with: from the starts
     ``us`` and from others that a design holds, without what comes to minima that were ``seen`` at the noise levels of
     the problem."""
-    path = Path(problem, held, problem.sigmas, coarse=True)
-    us = [*us, *lowest(path, coarse_design(problem), BEST)]
+    path = Path(problem, held, problem.sigmas, coarse=bool(problem.mechanism.free))
+    design = [u for u in coarse_design(problem) if not any(np.array_equal(u, given) for given in us)]
+    us = [*us, *lowest(path, design, BEST)] if path.coarse or not seen else lowest(path, design, BEST)
     first = followed(path, us, path.stages[:1], {})
     if not first:
         return [], dict(problem.sigmas)
     best = first[0][0].state  # around it a grid is laid, and its residuals tell the noise
-    us += lowest(path, ridge_grid(problem.space, best.u, problem.fixed), BEST)
-    path = replace(path, sigmas=_louder(problem, best))
-    return followed(path, us, path.stages, seen if path.sigmas == problem.sigmas else {}), dict(path.sigmas)
+    grid, sigmas = lowest(path, ridge_grid(problem.space, best.u, problem.fixed), BEST), _louder(problem, best)
+    known, path = seen if sigmas == problem.sigmas else {}, replace(path, sigmas=sigmas)
+    if len(path.stages) == 1 and sigmas == problem.sigmas:  # the first were followed to the end
+        return [*first, *followed(path, grid, path.stages, known)], sigmas
+    return followed(path, [*us, *grid], path.stages, known), sigmas
 
 
 def _minimum(

@@ -109,8 +109,8 @@ class Path:
         problem: what is solved.
         held: :func:`tethered`, or None where nothing holds the motion.
         sigmas: noise standard deviations by signal, SI units.
-        coarse: whether it begins at the coarsest resolution, which it must where nothing holds the motion: else at the
-            sample.
+        coarse: whether it begins at the coarsest resolution, which it must where nothing holds a simulated motion: else
+            at the sample.
         given: whether the parameters are given, so that only the trials' own unknowns are estimated.
         only: the trial that is held, where it is only one, beside the others as they are in a fit.
         beside: that fit's state, and the models of the trials there.
@@ -173,7 +173,7 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
     and is left; those that are followed are added.
 
     Empty where all are left, or where the best comes to no end at the sample, however closely it is held: that is too
-    rugged to begin with.
+    rugged to begin with. (An imposed motion is not: it takes long where a body rests.)
     """
     last = path.stages[-1]
     begun = [pair for u in us if (pair := path.begun(u)) is not None]
@@ -208,7 +208,7 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
         if not lower:
             ends = [end for end in ends if end[0].reason != GIVEN and path.beside is None]
             continue
-        if not path.coarse and stage == stages[0] and lower[0][0].reason == UNFINISHED:
+        if path.held and not path.coarse and stage == stages[0] and lower[0][0].reason == UNFINISHED:
             return []
         best, ends = lower[0][0].state, []
         for end in lower:
