@@ -2,13 +2,15 @@
 
     python benchmarks/wide.py --identify [--label before] [--seeds 1000 1040] [--minutes 20]
     python benchmarks/wide.py --diagnose [--label before] [--seeds 1000 1040] [--minutes 25]
+    python benchmarks/wide.py --imposed --identify --label imposed                          (and --diagnose)
     python benchmarks/wide_report.py identify before [after]      python benchmarks/wide_check.py
 
 Four systems, masses and lengths within a factor of two of conf/system, three laws, random multisines, chirps and skewed
 sines, 3 to 10 trials of unequal length at 100 to 2000 Hz, 1 to 10 % noise on every signal, some of it quantised; two
 thirds with an effect that nobody declared, 3 to 6 % of the friction force. The data come from equations of motion and
 friction laws of the benchmark's own (wide_simulate.py), where laws without memory hold a resting contact entirely; the
-package's creep at up to v_t (1e-5 m/s). --identify draws the same recordings without effects.
+package's creep at up to v_t (1e-5 m/s). --identify draws the same recordings without effects. --imposed draws
+recordings in which the motion is taken as measured and the force predicted instead (wide_imposed.py).
 
 Seeds below 1000 are for development. Those from 1000 on are the unseen ones: NOTHING may ever be tuned on them, no
 threshold compared and no fault mended with one of them in view, or they prove nothing any more.
@@ -30,6 +32,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import wide_imposed
 from wide_draw import ROOT, Case, draw
 from wide_effects import SHAPES, ends
 from wide_report import report
@@ -53,7 +56,8 @@ LONGEST_S = 600  # of a diagnosis
 
 def declared(case: Case, effects: tuple[str, ...] = ()) -> Mechanism:
     """The mechanism as the program is told of it, optionally with effects."""
-    return Mechanism(SYSTEMS[case.system](**case.parameters), LAWS[case.law](), effects)
+    imposed = case.imposed and not SYSTEMS[case.system].massless
+    return Mechanism(SYSTEMS[case.system](imposed=imposed, **case.parameters), LAWS[case.law](), effects)
 
 
 def about(case: Case) -> dict:
@@ -108,9 +112,8 @@ def least_errors(case: Case, recording: Recording | None = None) -> dict[str, fl
     return {name: plain(float(s)) for name, s in zip(found.names, deviations, strict=True)}
 
 
-def identify(seed: int) -> dict:
+def identify(case: Case) -> dict:
     """One recording without effects: maximum likelihood with default options, beside a fit from the truth."""
-    case = draw(seed, effects=False)
     result = about(case) | {"truth": case.truth}
     began, processor = time.perf_counter(), time.process_time()
     problem = Problem(declared(case), case.recording)
@@ -137,9 +140,8 @@ def write_csv(case: Case, path: Path) -> None:
     pd.concat(rows).to_csv(path, index=False)
 
 
-def diagnose(seed: int) -> dict:
+def diagnose(case: Case) -> dict:
     """One recording through the command line, scored."""
-    case = draw(seed)
     result = about(case) | {"truth": case.truth, "true_effects": list(case.effects), "true_values": case.values}
     fitted = case.clean.select(set(case.clean.names) - set(case.held_out))
     least = least_errors(case, fitted)
@@ -149,6 +151,7 @@ def diagnose(seed: int) -> dict:
         write_csv(case, path)
         command = [sys.executable, str(ROOT / "diagnose.py"), f"system={case.system}", f"friction={case.law}"]
         command += [f"system.parameters.{name}={value!r}" for name, value in case.parameters.items()]
+        command += ["system.imposed=true"] * case.imposed
         command += ["data=csv", f"data.path={path}", f"data.held_out=[{','.join(case.held_out)}]"]
         command += [f"hydra.run.dir={folder}/out"]
         began, processor = time.perf_counter(), _children_s()
@@ -192,7 +195,9 @@ def _children_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def score(mode: str, run: Callable[[int], dict], seeds: range, label: str, minutes: float) -> None:
+def score(
+    mode: str, run: Callable[[Case], dict], drawn: Callable[[int], Case], seeds: range, label: str, minutes: float
+) -> None:
     """Run the seeds that have no result yet, and write each as it comes."""
     path, began = RESULTS / f"wide_{mode}_{label}.json", time.monotonic()
     done = json.loads(path.read_text()) if path.exists() else []
@@ -200,7 +205,7 @@ def score(mode: str, run: Callable[[int], dict], seeds: range, label: str, minut
         if time.monotonic() - began > 60 * minutes:
             break
         try:
-            case = run(seed)
+            case = run(drawn(seed))
         except (UserError, ArithmeticError) as error:
             case = {"seed": seed, "failed": [str(error)]}
         done.append(case)
@@ -216,13 +221,15 @@ def main() -> None:
     mode.add_argument("--identify", action="store_true")
     mode.add_argument("--diagnose", action="store_true")
     parser.add_argument("--seeds", type=int, nargs=2, default=(1000, 1040), help="first, and one beyond the last")
+    parser.add_argument("--imposed", action="store_true", help="recordings whose motion is imposed")
     parser.add_argument("--label", default="now")
     parser.add_argument("--minutes", type=float, default=np.inf, help="no case is begun later")
     args = parser.parse_args()
+    drawing, rest = wide_imposed.draw if args.imposed else draw, (range(*args.seeds), args.label, args.minutes)
     if not args.diagnose:
-        score("identify", identify, range(*args.seeds), args.label, args.minutes)
+        score("identify", identify, lambda seed: drawing(seed, effects=False), *rest)
     if not args.identify:
-        score("diagnose", diagnose, range(*args.seeds), args.label, args.minutes)
+        score("diagnose", diagnose, drawing, *rest)
 
 
 if __name__ == "__main__":

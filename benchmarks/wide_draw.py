@@ -51,6 +51,7 @@ class Case:
         effects: names of undeclared effects; ``values`` their parameters, named as the package's.
         held_out: names of the trials at the end that a diagnosis keeps for proof.
         runs: how each trial was excited and begun.
+        imposed: whether the motion is taken as measured, and the force predicted (wide_imposed.py).
     """
 
     seed: int
@@ -68,6 +69,7 @@ class Case:
     values: dict[str, float]
     held_out: tuple[str, ...]
     runs: tuple[Run, ...]
+    imposed: bool = False
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ NAMED = {  # effect -> parameter that carries its size, whether either sign occu
     "vibration": ("vibration_sin", True),
 }
 MASSES = {"pob": ("m_b", "m_L"), "sdob": ("m_1", "m_2"), "drive": ("M",), "pendulum": ("m",)}
-SLIP = {"pendulum": ("theta", "omega", "alpha")}  # of the others x, v, a
+SLIP = dict.fromkeys(("pendulum", "joint"), ("theta", "omega", "alpha"))  # of the others x, v, a
 BIASED = {"pob": ("v", "a", "theta", "alpha"), "sdob": ("v", "a"), "drive": ("v", "a"),
           "pendulum": ("theta", "omega", "alpha")}  # fmt: skip
 # One encoder's signals, as the package names them together (it has no use for a_y).
