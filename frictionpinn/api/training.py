@@ -20,6 +20,7 @@ from ..workflow import evaluate as evaluation
 from ..workflow import export as handing_on
 from ..workflow.configs import CONF, Configs, quote, with_extensions, written
 from ..workflow.contact_options import options_of
+from ..workflow.manifest import check_free
 from ..workflow.options import composed
 from ..workflow.train import train as run_training
 from .arguments import mechanism_given, names_given, recording_given
@@ -151,6 +152,7 @@ def train(
     cfg = with_extensions(composed("train", overrides, config_dir))
     folder = _folder(folder) if folder is not None else _new_folder(overrides, config_dir)
     folder_at(folder)
+    check_free(folder, cfg.get("ckpt_path"))  # before a recording takes the place of a finished run's
     if recording is not None:  # the run's evaluations read it again
         cfg["data"]["path"] = str(recording.save(folder / "recording.parquet").absolute())
     try:

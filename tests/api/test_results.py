@@ -152,6 +152,15 @@ def test_a_run_is_trained_on_the_recording_that_it_was_given(results, log):
     assert results["evaluation"].report.is_file()
 
 
+def test_a_training_that_is_refused_leaves_the_recording_of_the_run_in_its_folder(results, model, log):
+    folder = results["run"].folder
+    before = (folder / "recording.parquet").read_bytes()
+    other = fp.simulate(model, VALUES, TRIALS, rate_hz=100, noise=0.01)
+    with pytest.raises(fp.UserError, match="holds a finished run"):
+        fp.train(fp.mechanism(model.system), other, model="pe1", folder=folder)
+    assert (folder / "recording.parquet").read_bytes() == before
+
+
 @pytest.mark.parametrize(
     ("call", "said"),
     [
