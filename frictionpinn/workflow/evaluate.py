@@ -24,7 +24,7 @@ from ..show import readable_unit
 from .build import Config, build_system
 from .configs import called
 from .experiment import build_data
-from .load import load_run
+from .load import check_recording, load_run
 from .manifest import write_json
 from .methods import build_methods
 from .provenance import commit, versions
@@ -64,6 +64,8 @@ def evaluate(cfg: Config) -> dict[str, Any]:
         log.warning(f"mind: the model was trained on a slip in {slip} and a force in {force}; on {system.name}, in "
                     f"{other} and {unit}, its numbers are taken as they are")  # fmt: skip
     data = build_data(trained, home)
+    if not simulated:
+        check_recording(cfg["run"], data.recording)
     train = data.select("train")
     local = data if system.name == home.name else build_data(away, system)
     if simulated:

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from ..data.recording import Recording
 from ..errors import UserError, nearest
 from ..models import MODELS, FrictionModel, rebuilt
 from ..physics import System, extensions
@@ -48,6 +49,15 @@ def load_run(folder: str | Path, where: str = "run") -> tuple[Config, System, Fr
         fix = "use a run of this version"
         raise UserError("weights that do not fit", where=str(folder / "checkpoints" / "best.ckpt"), fix=fix) from error
     return cfg, build_system(cfg["system"]), model.eval()
+
+
+def check_recording(folder: str | Path, recording: Recording) -> None:
+    """Raise :class:`UserError` where the files of a run are no longer those that it was trained on."""
+    told = (json.loads((Path(folder) / "result.json").read_text(encoding="utf-8")).get("data") or {}).get("sha256")
+    if told and told != recording.checksum:
+        raise UserError("not the recording that the run was trained on", where=recording.source,
+                        received=f"a file with sha256 {recording.checksum[:8]}...", allowed=f"{told[:8]}...",
+                        fix="bring the earlier file back, or train again")  # fmt: skip
 
 
 def refined(run: str | Path, complete: bool = True) -> dict[str, float]:

@@ -164,6 +164,14 @@ def test_a_measurement_is_compared_with_its_force_balance(quick, csv, tmp_path):
         evaluate(configuration(f"run={folder}", "system=sdob", *BRIEF))
 
 
+def test_a_recording_that_changed_since_the_training_is_not_evaluated(quick, csv, tmp_path):
+    folder = tmp_path / "run"
+    quick(folder, "data=csv", f"data.path={csv()}", "model=bb1")
+    csv(lambda table: table[table["t"] < 0.4])
+    with pytest.raises(UserError, match=r"not the recording that the run was trained on: .*run\.csv"):
+        evaluate(configuration(f"run={folder}", *BRIEF))
+
+
 def test_an_integrator_is_chosen_by_name(run):
     with pytest.raises(UserError, match=r"integrator.*leave integrator=null"):
         evaluate(configuration(f"run={run}", "integrator=dopri5", *BRIEF))
