@@ -70,8 +70,9 @@ def note(result: Mapping[str, Any]) -> str:
     published = result["published"]
     drawn = f"median of {seeds} seeds. " if seeds > 1 and law else "one seed. " if law else ""
     simulated = "In simulation: friction in the equation of motion, inputs " + ("prescribed. " if law else "measured. ")
+    acting = " + ".join([str(law), *(result["truth"]["effects"] or ())])
     compared = (
-        f"Truth: {law}. " if law else f"A measurement: no truth is known; compared with the {result['reference']}. "
+        f"Truth: {acting}. " if law else f"A measurement: no truth is known; compared with the {result['reference']}. "
     )
     return (
         f"Online: {level}, signals filtered causally ({result['smoothing']['name']}). {drawn}{simulated}{compared}"

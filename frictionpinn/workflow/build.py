@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -139,15 +139,20 @@ def check_pairing(cfg: Config) -> None:
 def build_recording(cfg: Config, system: System) -> Recording:
     """The recording before noise is added: simulated, from files, or a public set."""
     if cfg["name"] == "simulated":
-        obeyed, effects = simulated_system(cfg, system), cfg.get("effects") or {}
-        truth = dict(cfg["truth"])
-        for name, table in effects.items():
-            contact = name.partition("@")[2]
-            truth |= {at_contact(contact, key): value for key, value in (table or {}).items()}
-        return simulate_recording(obeyed, cfg["friction"], truth, cfg["trials"], float(cfg["rate_hz"]), tuple(effects))
+        return simulated(cfg, system, cfg["trials"])
     if cfg["name"] == "csv":
         return _from_files(cfg, system)
     return load_public(cfg["name"], **(cfg.get("options") or {}))
+
+
+def simulated(cfg: Config, system: System, trials: Sequence[Mapping[str, Any]]) -> Recording:
+    """Trials of the mechanism that ``data=simulated`` simulates, its effects included."""
+    effects, truth = cfg.get("effects") or {}, dict(cfg["truth"])
+    for name, table in effects.items():
+        contact = name.partition("@")[2]
+        truth |= {at_contact(contact, key): value for key, value in (table or {}).items()}
+    obeyed = simulated_system(cfg, system)
+    return simulate_recording(obeyed, cfg["friction"], truth, trials, float(cfg["rate_hz"]), tuple(effects))
 
 
 def simulated_system(cfg: Config, system: System) -> System:

@@ -183,7 +183,11 @@ def _result(
         "trained_on": home.name,
         "system": system.name,
         "run": {"folder": str(cfg["run"]), "checkpoint_sha256": hashlib.sha256(path.read_bytes()).hexdigest()},
-        "truth": {"friction": away["data"].get("friction"), "parameters": away["data"].get("truth")},
+        "truth": {
+            "friction": away["data"].get("friction"),
+            "parameters": away["data"].get("truth"),
+            "effects": away["data"].get("effects"),
+        },
         "reference": trajectories[0].reference,
         "noise": away["noise"],
         "smoothing": away["smoothing"],

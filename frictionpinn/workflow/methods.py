@@ -86,5 +86,6 @@ def _known(
             laws = laws_of(system, law_named(obeyed, "data.friction"))
             obeyed, truth = {contact.name: laws.at(contact.name).name for contact in system.contacts}, by_parameter(
                 truth, laws)  # fmt: skip
-        known["observer_truth"] = Known("observer that knows the truth", obeyed, truth)
+        told = "law's truth, not the effects" if away["data"].get("effects") else "truth"
+        known["observer_truth"] = Known(f"observer that knows the {told}", obeyed, truth)
     return known

@@ -9,12 +9,11 @@ from typing import Any
 from ..data.contact import contact_trials, smooth_trials
 from ..data.module import TrajectoryData
 from ..data.recording import Recording
-from ..data.simulated import simulate_recording
 from ..errors import UserError
 from ..evaluate.trajectory import Trajectory
 from ..physics import System
 from ..physics.base import plain_name
-from .build import Config, build_noise, build_smoothing, simulated_system
+from .build import Config, build_noise, build_smoothing, simulated
 from .experiment import frictional
 
 REFERENCE = ("friction_force", "normal_force", "v_slip")  # what a measurement is compared with
@@ -23,8 +22,8 @@ REFERENCE = ("friction_force", "normal_force", "v_slip")  # what a measurement i
 def transferred(trained: Config, system: Mapping[str, Any] | None, chosen: Mapping[str, Any] | None) -> Config:
     """The run's configuration on the system to evaluate, with the trajectories as ``data.trajectories``.
 
-    Another system brings its own friction and trials from its ``simulate`` section; sampling rate, noise and
-    smoothing stay the run's.
+    Another system brings its own friction and trials from its ``simulate`` section, without the run's effects;
+    sampling rate, noise and smoothing stay the run's.
     """
     cfg, table = dict(trained), dict(trained["data"])
     if system is not None and system["name"] != trained["system"]["name"]:
@@ -32,6 +31,7 @@ def transferred(trained: Config, system: Mapping[str, Any] | None, chosen: Mappi
         table |= {key: own[key] for key in ("friction", "truth", "trials", "held_out")} | {
             "validation": [],
             "equations": None,
+            "effects": None,
         }
         cfg["system"] = dict(system)
     name = cfg["system"]["name"]
@@ -56,8 +56,7 @@ def build_trajectories(cfg: Config, system: System, data: TrajectoryData, option
     table = cfg["data"]
     specs = [{"name": f"trajectory {k + 1}", **spec} for k, spec in enumerate(table["trajectories"])]
     try:
-        obeyed = simulated_system(table, system)
-        clean = simulate_recording(obeyed, table["friction"], table["truth"], specs, float(table["rate_hz"]))
+        clean = simulated(table, system, specs)
     except UserError as error:  # the trials are called trajectories here
         where = (error.where or "data.trials").replace("data.trials", f"trajectories.{system.name}")
         told = {"received": error.received, "allowed": error.allowed, "fix": error.fix}

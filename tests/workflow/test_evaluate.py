@@ -105,6 +105,19 @@ def test_a_perfect_law_has_no_error_in_simulation(run):
     assert error["force_mse"]["value"] < 1e-6 and error["position_rms"]["x"]["value"] < 1e-6
 
 
+def test_effects_of_the_simulated_mechanism_act_on_the_trajectories_too_but_not_on_another_system(run):
+    from frictionpinn.workflow.trajectories import build_trajectories, transferred
+
+    cfg, system, _ = load_run(run)
+    cfg["data"] = cfg["data"] | {"effects": {"drag": {"drag": 5.0}}}
+    own, data = transferred(cfg, None, None), build_data(cfg, system)
+    (trajectory,) = build_trajectories(own, system, data, {"seeds": [0]})
+    recorded = data.by_name["2"].truth["friction_force"]  # held out, and what its trajectory is
+    assert np.allclose(trajectory.force, recorded) and "drag" in data.recording.source
+    other = configuration(f"run={run}", "system=sdob")["system"]
+    assert transferred(cfg, other, None)["data"]["effects"] is None
+
+
 def test_a_model_is_transferred_to_another_system_and_its_own_trials(run):
     cfg = configuration(f"run={run}", "system=sdob", *BRIEF)
     cfg["system"]["simulate"]["trials"] = [{**trial, "duration": 0.4} for trial in cfg["system"]["simulate"]["trials"]]
