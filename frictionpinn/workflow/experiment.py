@@ -32,6 +32,13 @@ from .build import (
     mapping,
     seed_of,
 )
+from .configs import written
+
+# What nothing reads of a network with windows, and as what it may stand there.
+OF_STATE: dict[str, dict[str, Any]] = {
+    "loss": {"through": None, "compare": None},
+    "state": {"gaps": False, "delay": False, "start": "law"},
+}
 
 
 def build_data(cfg: Config, system: System) -> TrajectoryData:
@@ -125,8 +132,9 @@ def remembers(model: Config) -> bool:
 
 
 def check_memory(cfg: Config) -> None:
-    """Raise :class:`UserError` where a network with a state cannot be what else is asked for."""
+    """Raise :class:`UserError` where a network with a state cannot be what else is asked for, or is none."""
     if not remembers(cfg["model"]):
+        _check_without_state(cfg["model"])
         return
     over_noise = cfg.get("ensemble", 1) != 1 and cfg.get("ensemble_over") == "noise"
     asked = {  # noise moves where a trial is cut: members would have errors of their inputs in other places
@@ -138,6 +146,15 @@ def check_memory(cfg: Config) -> None:
             raise UserError(f"a network with a state: {why}", where="model.memory",
                             received=f"state with {key}={cfg[key]}", allowed=allowed,
                             fix="leave model.memory=windows")  # fmt: skip
+
+
+def _check_without_state(model: Config) -> None:
+    for section, name, neutral in ((key, *item) for key, table in OF_STATE.items() for item in table.items()):
+        value = mapping(model, section, "model").get(name, neutral)
+        if value != neutral:
+            raise UserError("an option of networks with a state", where=f"model.{section}.{name}",
+                            received=written(value), allowed=f"{written(neutral)} with model.memory=windows",
+                            fix="say model.memory=state, or experiment=memory")  # fmt: skip
 
 
 def _state(

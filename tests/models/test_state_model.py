@@ -15,7 +15,7 @@ from frictionpinn.numerics.paths import InputPath
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.workflow.build import build_system
-from frictionpinn.workflow.experiment import build_data, build_model
+from frictionpinn.workflow.experiment import build_data, build_model, check_memory
 from frictionpinn.workflow.options import composed
 
 VARIANTS = ("bb1", "bb2", "pe1", "pe2")
@@ -152,6 +152,13 @@ def test_stiffness_and_damping_are_trained_with_the_step_size_of_physical_parame
 def test_an_impossible_number_of_bristles_is_told(stateful, elements):
     with pytest.raises(UserError, match=r"model.state.elements"):
         stateful("bb2", state={"elements": elements})
+
+
+@pytest.mark.parametrize("option", ["model.state.gaps=true", "model.state.start=reach", "model.loss.through=motion"])
+def test_an_option_of_networks_with_a_state_is_refused_of_one_with_windows(option):
+    with pytest.raises(UserError, match=f"{option.partition('=')[0]} is .*say model.memory=state"):
+        check_memory(composed("train", ["model=bb2", option]))
+    check_memory(composed("train", ["model=bb2", option, "model.memory=state"]))
 
 
 def test_friction_that_departs_from_proportion_to_the_load_costs_a_black_box(stateful, batch):
