@@ -22,7 +22,7 @@ from ..models import FrictionEnsemble, FrictionModel
 from ..physics import System
 from ..show import readable_unit
 from .build import Config, build_system
-from .configs import called
+from .configs import called, written
 from .experiment import build_data
 from .load import check_recording, load_run
 from .manifest import write_json
@@ -55,6 +55,7 @@ def evaluate(cfg: Config) -> dict[str, Any]:
     _require_own_contacts(home, cfg.get("system"))
     if not simulated:
         _require_own_system(trained, cfg.get("system"))
+    _require_own_values(trained["system"], cfg.get("system"))
     away = transferred(trained, cfg.get("system"), cfg["trajectories"]) if simulated else trained
     system = build_system(away["system"])
     log.info(f"evaluating {trained['model']['name']}, trained on {home.title}, on {system.title}")
@@ -113,6 +114,26 @@ def _require_own_system(trained: Config, system: Mapping[str, Any] | None) -> No
             allowed=f"{own}, or none",
             fix="leave system out; transfer is measured with runs on data=simulated",
         )
+
+
+def _require_own_values(own: Mapping[str, Any], system: Mapping[str, Any] | None) -> None:
+    """Raise :class:`UserError` where the run's system is named with other values: what is simulated are the run's."""
+    if system is None or system["name"] != own["name"]:
+        return
+    for key, value in _flat(system).items():
+        before = _flat(own).get(key, value)
+        if value != before:
+            raise UserError("a run is evaluated on its own system as it was trained", where=f"system.{key}",
+                            received=written(value), allowed=f"{written(before)}, as in the run",
+                            fix="leave system out, or train with this value")  # fmt: skip
+
+
+def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """Values by their full key."""
+    found: dict[str, Any] = {}
+    for key, value in table.items():
+        found |= _flat(value, f"{before}{key}.") if isinstance(value, Mapping) else {f"{before}{key}": value}
+    return found
 
 
 def _require_own_contacts(home: System, system: Mapping[str, Any] | None) -> None:

@@ -129,6 +129,11 @@ def test_a_model_is_transferred_to_another_system_and_its_own_trials(run):
     assert (run / "evaluation_sdob" / "report.html").is_file()
 
 
+def test_other_values_of_the_run_s_own_system_are_refused_since_its_own_are_simulated(run):
+    with pytest.raises(UserError, match=r"system.parameters.m_b is 2.0; allowed: 0.5, as in the run"):
+        evaluate(configuration(f"run={run}", "system=pob", "system.parameters.m_b=2.0", *BRIEF))
+
+
 def test_a_simulation_that_ends_early_is_told_and_the_others_go_on(run, monkeypatch):
     from frictionpinn.evaluate import yardsticks
     from frictionpinn.numerics.simulation import SimulationFailed
