@@ -42,9 +42,10 @@ def force_over_time(
     top.set(ylabel=f"friction force ({force_unit})", title=title)
     bottom.set(xlabel="time (s)", ylabel=f"error ({force_unit})")
     top.legend(loc="upper right", frameon=False, fontsize=9, ncols=1)
-    low, high = float(reference.min()), float(reference.max())
+    shown = np.concatenate([reference, *(interval or ())])
+    low, high = float(shown.min()), float(shown.max())
     span = (high - low) or 1.0
-    top.set_ylim(low - 0.25 * span, high + 0.6 * span)
+    top.set_ylim(low - 0.25 * span, high + 0.6 * span)  # room for the legend
     return figure
 
 

@@ -88,3 +88,10 @@ def test_a_simulation_that_failed_is_marked_and_told_in_the_title():
     first, second, *_ = errors_figure(result).axes
     assert "failed" in [text.get_text() for text in first.texts]
     assert "failed" not in [text.get_text() for text in second.texts]
+
+
+def test_the_interval_of_an_ensemble_is_seen_whole(trial):
+    force = trial.offline["friction_force"]
+    figure = force_over_time(trial, {"PE1": force, "fit": force}, "N", "title", (force - 9.0, force + 9.0))
+    low, high = figure.axes[0].get_ylim()
+    assert low < -12.0 and high > 12.0
