@@ -58,6 +58,9 @@ def evaluate(cfg: Config) -> dict[str, Any]:
     _require_own_values(trained["system"], cfg.get("system"))
     away = transferred(trained, cfg.get("system"), cfg["trajectories"]) if simulated else trained
     system = build_system(away["system"])
+    if len(system.contacts) > len(home.contacts):
+        raise UserError("a model of one contact on a system with several", where="system", received=system.name,
+                        allowed="a system with one contact")  # fmt: skip
     log.info(f"evaluating {trained['model']['name']}, trained on {home.title}, on {system.title}")
     here, there = ((s.slip_unit, s.force_unit) for s in (home, system))
     if here != there:

@@ -134,6 +134,11 @@ def test_other_values_of_the_run_s_own_system_are_refused_since_its_own_are_simu
         evaluate(configuration(f"run={run}", "system=pob", "system.parameters.m_b=2.0", *BRIEF))
 
 
+def test_a_model_of_one_contact_is_of_no_system_with_several(run):
+    with pytest.raises(UserError, match=r"a model of one contact .*: system is two_mass; allowed: a system with one"):
+        evaluate(configuration(f"run={run}", "system=two_mass", *BRIEF))
+
+
 def test_a_simulation_that_ends_early_is_told_and_the_others_go_on(run, monkeypatch):
     from frictionpinn.evaluate import yardsticks
     from frictionpinn.numerics.simulation import SimulationFailed
