@@ -180,8 +180,12 @@ class OnlineEstimator:
     def _place(self, session: Session) -> None:
         self._equations = self._equations._replace(clocks=session.lines(self.mechanism.clocks))
 
-    def _start(self, y: np.ndarray) -> None:
-        """State before the first sample: what it shows, and a wide guess at what it does not."""
+    def _start(self, y: np.ndarray) -> np.ndarray:
+        """State before the first sample: what it shows, and a wide guess at what it does not.
+
+        Returns:
+            the sample without what the state took from it, which must not correct it again.
+        """
         core, m, n_s = _recursions(), len(self.mechanism.free), self.kernels.sizes[0]
         X, P = self._X, self._P
         kept = self._size - len(self.adapt)
@@ -196,6 +200,8 @@ class OnlineEstimator:
                 X[index], P[index, index] = y[k], self._R[k]
         if n_s > 2 * m:
             self._start_bristle()
+        taken = [kind == core.STATE and X[index] == value for (kind, index), value in zip(self._rows, y, strict=True)]
+        return np.where(taken, np.nan, y)
 
     def _start_bristle(self) -> None:
         """At rest unless the first velocities say otherwise; the bristle anywhere that the contact can hold it."""
@@ -240,7 +246,7 @@ class OnlineEstimator:
         if last is None or t - last > LONGEST * self.tuning.interval:
             self._time = float(t)
             self._consistency.clear()
-            self._start(y)
+            y = self._start(y)
         else:
             status = core.predict(
                 self._equations, self._X, self._P, self._kicks, self._walks, self._densities, last, t - last,
@@ -295,7 +301,7 @@ class OnlineEstimator:
             elif name in inputs:  # none was applied
                 Y[:, k] = 0.0
         self._time = float(trial.t[0])
-        self._start(Y[0])
+        Y[0] = self._start(Y[0])
         loglik, forces, variances, squares, freedoms, states = _recursions().run(
             self._equations, self._X, self._P, self._kicks, self._walks, self._densities,
             np.ascontiguousarray(trial.t, dtype=float), Y, self._R, self._rows,

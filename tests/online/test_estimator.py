@@ -106,6 +106,17 @@ def test_positions_alone_are_enough():
     assert np.mean((found["force"] - force)[100:] ** 2) < 0.05 * np.mean(force**2)
 
 
+def test_the_interval_of_a_first_sample_holds_the_force_as_often_as_it_says():
+    estimator, rng, held = fitted("drive"), np.random.default_rng(0), 0
+    resting = {"x": 0.0, "v": 0.0, "a": 0.0, "force": 1.0}  # below breakaway: friction is what is applied
+    for _ in range(400):
+        estimator.reset()
+        sample = {name: value + estimator.tuning.sigmas[name] * rng.normal() for name, value in resting.items()}
+        reading = estimator.update(0.0, sample)
+        held += reading.low <= 1.0 <= reading.high
+    assert held > 0.9 * 400
+
+
 def test_a_long_gap_starts_anew():
     _, _, _, noisy = case("pob")
     estimator, trial = fitted("pob"), noisy.trials[0]
