@@ -103,6 +103,24 @@ def test_the_network_in_c_predicts_a_trial_as_the_model_does(exported, name):
     assert force == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
 
 
+def test_a_network_in_c_that_runs_for_months_counts_no_further_than_its_windows_see(exported):
+    run = exported("pe2")
+    lib, kept = library(run.file("c", "friction.c").parent), run.portable.length - 1
+    fields = range(2 * len(run.portable.signals))  # and their rates
+    lib.friction_network_step.restype = ctypes.c_double
+    rows = np.random.default_rng(0).normal(size=(7 * kept + 3, len(fields)))
+
+    def after(rows: np.ndarray) -> tuple[float, int]:
+        state = ctypes.create_string_buffer(16 + 8 * (kept + 1) * len(fields))
+        lib.friction_network_reset(state)
+        force = [lib.friction_network_step(state, (ctypes.c_double * len(fields))(*row)) for row in rows]
+        return force[-1], ctypes.c_long.from_buffer(state).value
+
+    force, count = after(rows)
+    assert count < 2 * kept  # a long of 32 bits would be over in 25 days of cycles of 1 ms
+    assert force == after(rows[-kept - 1 :])[0]
+
+
 EVEN, SKEWED = "45*deg*sin(2*pi*t)", "45*deg*sin(5.65*t - 0.45*sin(5.65*t))"  # the second begins with a rising load
 CASES = [("pe2", "law", EVEN), ("pe2", "network", EVEN), ("pe2", "network", SKEWED), ("bb1", "network", EVEN)]
 

@@ -96,6 +96,18 @@ def check(folder: Path, compensator: Compensator) -> None:
     np.testing.assert_allclose(theirs, ours, rtol=1e-9, atol=1e-9)
 
 
+def test_a_compensator_in_c_that_runs_for_months_counts_no_further_than_its_delay(tmp_path: Path):
+    write_compensator_c(tmp_path, Compensator(Mechanism(SYSTEMS["drive"](), LAWS["lugre"]()), LUGRE, **ADAPTS))
+    counts = MAIN.replace(
+        "    return 0;", '    printf("%d %d 0\\n", c.begun < 10, c.begun >= COMPENSATOR_PAST);\n    return 0;'
+    )
+    (tmp_path / "main.c").write_text(counts, encoding="ascii")
+    subprocess.run(["cc", "-std=c99", "-o", "main", "main.c", "compensator.c", "-lm"], cwd=tmp_path, check=True)
+    text = "\n".join(" ".join(map(repr, row)) for row in rows(5e-3).tolist())
+    said = subprocess.run([tmp_path / "main"], input=text, capture_output=True, text=True, check=True).stdout
+    assert said.splitlines()[-1] == "1 1 0"  # a long of 32 bits would be over in 25 days of cycles of 1 ms
+
+
 def test_c_allocates_nothing_and_keeps_all_memory_in_the_struct(tmp_path: Path):
     write_compensator_c(tmp_path, Compensator(Mechanism(SYSTEMS["drive"](), LAWS["lugre"]()), LUGRE, **ADAPTS))
     source = (tmp_path / "compensator.c").read_text(encoding="ascii")

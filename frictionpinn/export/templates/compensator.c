@@ -324,7 +324,8 @@ compensator_command compensator_update(compensator *c, const double reference[3]
             predict(c, share);
         memmove(c->past[1], c->past[0], sizeof c->past - sizeof c->past[0]);
     }
-    c->begun++;
+    if (c->begun < PAST) /* all that is asked of it, and a controller runs for months */
+        c->begun++;
     c->past[0][POSITION] = reference[0];
     c->past[0][VELOCITY] = reference[1];
     c->past[0][ACCELERATION] = reference[2];

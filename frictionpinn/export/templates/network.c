@@ -89,7 +89,8 @@ $force
 void friction_network_keep(friction_network *network, const friction_signals *now)
 {
     read(now, network->past[network->count % FRICTION_KEPT]);
-    network->count++;
+    if (++network->count == 2 * (long)FRICTION_KEPT) /* so far, and no further: a controller runs for months */
+        network->count = FRICTION_KEPT;
 }
 
 double friction_network_step(friction_network *network, const friction_signals *now)
