@@ -74,7 +74,7 @@ def write_files(folder: Path, files: Mapping[str, str | None]) -> list[str]:
     """Write the files that have a text; returns their names."""
     for name, text in files.items():
         if text is not None:
-            (folder / name).write_text(text, encoding="ascii")
+            (folder / name).write_text(text, encoding="utf-8")  # of a law of one's own, comments may say µ
     return [name for name, text in files.items() if text is not None]
 
 

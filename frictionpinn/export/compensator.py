@@ -48,7 +48,7 @@ def write_compensator_c(folder: Path, compensator: Compensator) -> list[str]:
         z95=_number(NORMAL_95), alike=_number(ALIKE), round_off=_number(ROUND_OFF),
     )  # fmt: skip
     for name, text in {"compensator.h": header, "compensator.c": source}.items():
-        (folder / name).write_text(text, encoding="ascii")
+        (folder / name).write_text(text, encoding="utf-8")
     return ["compensator.h", "compensator.c"]
 
 

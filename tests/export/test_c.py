@@ -54,6 +54,15 @@ def function(lib: ctypes.CDLL, name: str, count: int):
     return call
 
 
+def test_a_law_of_ones_own_is_written_with_the_letters_that_its_text_has(tmp_path):
+    class Own(LAWS["coulomb_viscous"]):
+        """F = µ N sign(v) + d v, with Müller’s µ."""
+
+    write_law_c(tmp_path, Own(), PARAMETERS, SYSTEMS["pob"]())
+    compiled(tmp_path, "-c", "friction.c")
+    assert "F = µ N sign(v) + d v, with Müller’s µ." in (tmp_path / "friction.h").read_text(encoding="utf-8")
+
+
 SPEED = st.floats(-2, 2) | st.floats(-2e-3, 2e-3)
 
 
