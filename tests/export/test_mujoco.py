@@ -11,6 +11,7 @@ import pytest
 from frictionpinn.evaluate.in_simulation import simulate_model
 from frictionpinn.evaluate.mjcf import pob_mjcf
 from frictionpinn.evaluate.yardsticks import simulated_law
+from frictionpinn.export.mujoco_model import describe
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra: pip install -e '.[mujoco]'")
 
@@ -91,6 +92,27 @@ def test_bodies_that_do_not_touch_do_not_rub(friction):
     data.joint("z").qpos[0], data.joint("x").qvel[0] = 1.0, 1.0
     law = module.Friction(model, "network", bodies=("box", "world"))
     assert law.step(data) == 0.0 and data.joint("x").qvel[0] == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["law", "bristles"])
+def test_a_contact_whose_load_goes_carries_nothing_and_slides_on_when_it_is_back(friction, kind):
+    run, module = friction("pe2")
+    told = {
+        "tables": np.full((2, 2, 2), 1e-4),
+        "grid": [0.01, 0.0, 8.0, 0.0, 20.0],
+        "elements": [[1e5], [1e3], [0], [1]],
+    }
+    law = module.Bristles(told, 1e-3) if kind == "bristles" else module.Law(describe(run.portable), 1e-3)
+
+    def slide(normal: float, steps: int) -> float:
+        now = {"v_slip": 0.1, "normal_force": normal}
+        for _ in range(steps):
+            law.keep(now)
+        return law.force(now)
+
+    before = slide(10.0, 1000)
+    assert before > 1.0 and abs(slide(0.0, 2)) < 1e-4 * before and not np.any(law.z)
+    assert slide(10.0, 1000) == pytest.approx(before)
 
 
 def test_mistakes_are_told(friction):

@@ -61,12 +61,16 @@ class Law:
     def _advance(self, v: float, N: float) -> float:
         middle = v if self.slip is None else (v + self.slip) / 2
         load = N if self.normal is None else (N + self.normal) / 2
+        if load <= 0:  # without a load nothing bends, and nothing is carried
+            return 0.0
         rate = self.law.bristle_rate(middle, load, self.z, *self.p)
         x = self.law.bristle_slope(middle, load, self.z, *self.p) * self.h
         return self.z + self.h * rate * (1 + x / 2 if abs(x) < 1e-8 else math.expm1(x) / x)
 
     def force(self, now: dict) -> float:
         v, N = now["v_slip"], now["normal_force"]
+        if N <= 0:
+            return 0.0
         z = self._advance(v, N)
         return self.law.force(v, N, z, self.law.bristle_rate(v, N, z, *self.p), *self.p)
 
@@ -104,17 +108,20 @@ class Bristles:
         middle = v if self.slip is None else (v + self.slip) / 2
         load = N if self.normal is None else (N + self.normal) / 2
         reach = self.gap + load * self._look(middle, load)[:-1]
+        bends, reach = reach > 0, np.where(reach > 0, reach, 1.0)  # without a load nothing does, and carries nothing
         bent = np.where(self.sharpness == 1, 1.0, (np.abs(self.z) / reach) ** (self.sharpness - 1))
         x = abs(middle) * self.h / reach * bent
-        return self.z * np.exp(-x) + middle * self.h * np.where(
-            x < 1e-8, 1 - x / 2, -np.expm1(-x) / np.maximum(x, 1e-8)
-        )
+        z = self.z * np.exp(-x) + middle * self.h * np.where(x < 1e-8, 1 - x / 2, -np.expm1(-x) / np.maximum(x, 1e-8))
+        return np.where(bends, z, 0.0)
 
     def force(self, now: dict) -> float:
         v, N = now["v_slip"], now["normal_force"]
         z, seen = self._advance(v, N), self._look(v, N)
-        share = (np.abs(z) / (self.gap + N * seen[:-1])) ** self.sharpness
-        rate = v - abs(v) * np.sign(z) * share
+        reach = self.gap + N * seen[:-1]
+        bends, reach = reach > 0, np.where(reach > 0, reach, 1.0)
+        z = np.where(bends, z, 0.0)
+        share = (np.abs(z) / reach) ** self.sharpness
+        rate = np.where(bends, v - abs(v) * np.sign(z) * share, 0.0)
         spring = self.stiffness * np.maximum(np.abs(z) - self.gap, 0)
         damping, most = self.damping * rate, spring * share
         damping = np.where((rate * v < 0) & (np.abs(damping) > most), -np.sign(z) * most, damping)
