@@ -171,7 +171,10 @@ class Compensator:
         Raises:
             UserError: a reference or torque that is not finite, a position that is no number.
         """
-        wanted = np.array(reference, dtype=float)
+        try:
+            wanted = np.array(reference, dtype=float)
+        except (TypeError, ValueError):
+            wanted = np.empty(0)
         if wanted.shape != (3,) or not np.isfinite(wanted).all():
             raise UserError("no reference", where="reference", received=reference, allowed="three finite numbers: "
                             "position, velocity, acceleration")  # fmt: skip

@@ -161,8 +161,9 @@ def test_a_system_that_no_controller_moves_is_refused(system):
 
 
 def test_a_reference_or_a_torque_that_is_no_number_is_refused():
-    with pytest.raises(UserError, match="reference"):
-        estimator().update((0.0, np.nan, 0.0), 0.0, 0.0)
+    for wrong in [(0.0, np.nan, 0.0), (0.0, 1.0), "abc", {"q": 0.0}, [[0.0], [0.0, 1.0], 0.0]]:
+        with pytest.raises(UserError, match="no reference"):
+            estimator().update(wrong, 0.0, 0.0)
     with pytest.raises(UserError, match="torque"):
         estimator().update((0.0, 0.0, 0.0), 0.0, np.inf)
 
