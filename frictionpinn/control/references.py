@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from ..errors import UserError, choose
+from ..online.check import finite
 
 Reference = Callable[[np.ndarray], np.ndarray]  # times (n,) -> position, velocity, acceleration (n, 3)
 CORNER = 0.02  # s, of a triangle: the time in which it turns
@@ -15,6 +17,9 @@ HARMONICS = ((0.31, 1.0, 0.0), (0.73, 0.5, 1.1), (1.37, 0.25, 2.3), (2.41, 0.12,
 
 def triangle(amplitude: float, period: float) -> Reference:
     """Constant speed there and back, from rest at 0, turning at constant acceleration within ``CORNER`` seconds."""
+    if period < 4 * CORNER:
+        raise UserError("triangle that turns before it has speed", where="reference.period", received=period,
+                        allowed=f"{4 * CORNER:g} s or more: a turn takes {CORNER:g} s", fix="take a sine")  # fmt: skip
     speed = 4 * amplitude / period
 
     def at(t: np.ndarray) -> np.ndarray:
@@ -110,15 +115,19 @@ REFERENCES: dict[str, Callable[..., Reference]] = {
 
 
 def reference(name: str, amplitude: float, period: float, **options: float) -> Reference:
-    """A reference by name; amplitude in the unit of position, period in s.
+    """A reference by name; amplitude in the unit of position, period in s, of a sine its phase in rad.
 
     Raises:
-        UserError: an unknown name, an amplitude or a period that is not above 0.
+        UserError: an unknown name or option, an amplitude or a period that is not above 0, a triangle too fast to turn.
     """
     make = choose(name, REFERENCES, "reference")
-    for key, value in {"amplitude": amplitude, "period": period}.items():
-        if not value > 0:
-            raise UserError("impossible value", where=f"reference.{key}", received=value, allowed="a number above 0")
+    known = list(inspect.signature(make).parameters)[2:]
+    for key, value in {"amplitude": amplitude, "period": period, **options}.items():
+        if key in options and key not in known:
+            raise UserError("unknown option", where=f"reference.{key}", allowed=", ".join(known) or f"none of a {name}")
+        if not (finite(value) and (key in options or value > 0)):
+            allowed = "a finite number" + ("" if key in options else " above 0")
+            raise UserError("impossible value", where=f"reference.{key}", received=value, allowed=allowed)
     return make(amplitude, period, **options)
 
 

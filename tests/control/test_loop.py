@@ -123,6 +123,26 @@ def test_an_unknown_reference_is_refused_with_the_nearest():
         reference("triangel", 1.0, 1.0)
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("sine", "5", 1.0, {}), "reference.amplitude is 5; allowed: a finite number above 0"),
+        (("sine", 5.0, float("inf"), {}), "reference.period is inf; allowed: a finite number above 0"),
+        (("sine", 5.0, 1.0, {"phase": "a"}), "reference.phase is a; allowed: a finite number"),
+        (("triangle", 5.0, 1.0, {"phase": 0.1}), "unknown option: reference.phase; allowed: none of a triangle"),
+    ],
+)
+def test_a_reference_that_cannot_be_is_refused_in_one_line(given, said):
+    with pytest.raises(UserError, match=said):
+        reference(*given[:3], **given[3])
+
+
+def test_a_triangle_that_would_turn_before_it_has_speed_is_refused():
+    assert not reference("triangle", 5e-3, 0.08)(np.zeros(1))[0, :2].any()
+    with pytest.raises(UserError, match=r"period is 0.07; allowed: 0.08 s or more: a turn takes 0.02 s"):
+        reference("triangle", 5e-3, 0.07)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_the_interval_holds_the_friction_and_is_narrow_beside_it(seed):
     axis, path = plant("asymmetry", asymmetry=0.1), reference("multisine" if seed else "sine", 5e-3, 1.0 + 0.3 * seed)
