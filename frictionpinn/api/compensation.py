@@ -88,9 +88,17 @@ def compensate(
     loop = {"interval": interval, "delay": delay, "resolution": resolution, "known": known, "stroke": stroke}
     made = build_compensator(config | options, axis, values, **loop)
     assert made is not None
-    if options.get("transition") is not None and not ("v_t" in made.names and "v_s" in values):
-        raise UserError("an option that nothing reads", where="transition", received=options["transition"],
-                        allowed="with a law that has v_t, beside a v_s", fix="leave it out")  # fmt: skip
+    unmatched = [name for name in options.get("spread") or () if name not in (config | options)["adapt"]]
+    for key, read, allowed in (
+        ("transition", "v_t" in made.names and "v_s" in values, "with a law that has v_t, beside a v_s"),
+        ("bandwidth", made.plan.filters, "where a disturbance, a parameter or a place is learned"),
+        ("cells", made.plan.cells, "with a stroke, and uneven above 0"),
+        ("uneven", made.plan.cells or options.get("uneven") == 0, "with a stroke"),
+        ("spread", not unmatched, f"of parameters in adapt, not of {', '.join(unmatched)}"),
+    ):
+        if options.get(key) is not None and not read:
+            raise UserError("an option that nothing reads", where=key, received=options[key], allowed=allowed,
+                            fix="leave it out")  # fmt: skip
     if folder is not None:
         try:
             Path(folder).mkdir(parents=True, exist_ok=True)

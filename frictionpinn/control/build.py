@@ -45,7 +45,9 @@ def build_compensator(
                             allowed="a number by parameter, such as {mu_c: 0.1}")  # fmt: skip
     for key, least in (("limit", "above 0"), ("disturbance", "from 0"), ("transition", "above 0")):
         value = config[key]  # told as it was given, before it is multiplied
-        if value is not None and not (finite(value) and (value > 0 or (value == 0 and least == "from 0"))):
+        if not (value is None and key == "transition") and not (
+            finite(value) and (value > 0 or (value == 0 and least == "from 0"))
+        ):
             raise UserError("impossible value", where=key, received=value, allowed=f"a number {least}")
     level, own = dry_friction(mechanism, parameters), mechanism
     values = {name: value for name, value in (mechanism.system.values | dict(parameters)).items() if value is not None}
@@ -57,6 +59,9 @@ def build_compensator(
     elif config["friction"] is not None:
         own = Mechanism(mechanism.system, choose(config["friction"], LAWS, "control.friction")())
     names = {par.name: par for par in own.parameters}
+    if config["transition"] is not None and config["friction"] is None and "v_t" not in names:
+        raise UserError("an option that nothing reads", where="transition", received=config["transition"],
+                        allowed="with a law that has v_t, beside a v_s", fix="leave it out")  # fmt: skip
     if config["transition"] is not None and "v_t" in names and "v_s" in values:
         values["v_t"] = config["transition"] * values["v_s"]
     values = {name: value for name, value in values.items() if name in names}

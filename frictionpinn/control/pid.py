@@ -10,6 +10,7 @@ from numba import njit
 
 from ..errors import UserError
 from ..numerics.integrator import OPTIONS
+from ..online.check import finite
 
 INTEGRAL, RATE, LAST, BEGUN = 0, 1, 2, 3  # places in the memory
 FILTER = 1e-3  # s: low-pass of the error's rate where none is given
@@ -80,8 +81,12 @@ def tuned(inertia: float, dead_time: float, sensitivity: float = 1.4, filter: fl
 
     Source: Astrom and Hagglund, Advanced PID Control (2006), 4.5.
     """
-    for name, value, least in (("inertia", inertia, 0.0), ("dead_time", dead_time, 0.0), ("Ms", sensitivity, 1.0)):
-        if not (math.isfinite(value) and value > least):
+    for name, value, least in (
+        ("inertia", inertia, 0.0),
+        ("dead_time", dead_time, 0.0),
+        ("sensitivity", sensitivity, 1.0),
+    ):
+        if not (finite(value) and value > least):
             raise UserError("impossible value", where=name, received=value, allowed=f"a number above {least:g}")
     x = np.geomspace(1e-2, 30.0, 400)  # frequencies, in units of w
 

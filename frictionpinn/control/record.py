@@ -8,6 +8,7 @@ import numpy as np
 
 from ..data.recording import Recording, Trial
 from ..errors import UserError
+from ..online.check import finite
 from ..physics.mechanism import Mechanism
 from .compensator import actuator, check_axis
 from .loop import Loop
@@ -33,7 +34,7 @@ def recorded(loops: Mapping[str, Loop], mechanism: Mechanism, delay: float = 0.0
     units = mechanism.system.signal_units
     for name, loop in loops.items():
         h = float(loop.t[1] - loop.t[0])
-        if not 0 < rate_hz <= 1.001 / h:
+        if not (finite(rate_hz) and 0 < rate_hz <= 1.001 / h):
             raise UserError(
                 "impossible rate", where="rate_hz", received=rate_hz, allowed=f"above 0, up to {1 / h:g} Hz"
             )
