@@ -211,7 +211,14 @@ def _rms(loop: Loop) -> float:
 
 
 def _told(value: float, unit: str) -> str:
-    return f"{1e6 * value:.3g} µ{readable_unit(unit)}"
+    factor, small = _scaled(value)
+    return f"{factor * value:.3g} {small}{readable_unit(unit)}"
+
+
+def _scaled(value: float) -> tuple[float, str]:
+    """Factor and prefix with which three digits of a value need no exponent."""
+    prefixes = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"))
+    return next(((factor, small) for factor, small in prefixes if factor * abs(value) >= 0.9995), prefixes[-1])
 
 
 def _lower(row: Mapping[str, float]) -> str:
@@ -253,13 +260,14 @@ def _page(result: Mapping[str, Any], runs: list[tuple[str, Loop, Loop]], plant: 
 def _figure(before: Loop, after: Loop, unit: str, force: str, title: str) -> Figure:
     figure = Figure(figsize=(10, 5), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True)
-    top.plot(before.t, 1e6 * before.error, color=INK["baseline"], lw=1.0, label="PID alone")
-    top.plot(after.t, 1e6 * after.error, color=INK["model"], lw=1.0, label="compensated")
+    factor, small = _scaled(max(float(np.abs(loop.error).max()) for loop in (before, after)))
+    top.plot(before.t, factor * before.error, color=INK["baseline"], lw=1.0, label="PID alone")
+    top.plot(after.t, factor * after.error, color=INK["model"], lw=1.0, label="compensated")
     bottom.plot(after.t, after.friction, color=INK["reference"], lw=1.3, label="true friction")
     known = "added, with its 95 % interval" if (after.high > after.low).any() else "added"
     bottom.plot(after.t, after.added, color=INK["model"], lw=0.9, label=known)
     bottom.fill_between(after.t, after.low, after.high, color=INK["model"], alpha=0.2, lw=0)
-    top.set(ylabel=f"tracking error (µ{readable_unit(unit)})", title=title)
+    top.set(ylabel=f"tracking error ({small}{readable_unit(unit)})", title=title)
     bottom.set(xlabel="time (s)", ylabel=f"friction ({readable_unit(force)})")
     for axis in (top, bottom):
         low, high = axis.get_ylim()

@@ -9,6 +9,8 @@ import pytest
 from commands import call
 from pages import assert_reads_everywhere
 
+from frictionpinn.workflow.compensate import _told
+
 SHORT = [
     "record.duration=1.5",
     "record.trials=[{name: sine, amplitude: 5.0e-3, period: 1.0}, {name: multisine, amplitude: 7.0e-3, period: 1.5}]",
@@ -30,6 +32,13 @@ def test_an_axis_is_identified_and_tracks_better_and_the_compensator_is_there_as
     assert_reads_everywhere(page)
     command = ["cc", "-std=c99", "-c", "-Wall", "-Werror", "-o", tmp_path / "x.o", tmp_path / "run" / "compensator.c"]
     subprocess.run(command, check=True)
+
+
+@pytest.mark.parametrize(
+    ("value", "told"), [(2e-8, "20 nm"), (9.99e-4, "999 µm"), (9.996e-4, "1 mm"), (0.295, "295 mm"), (1.99, "1.99 m")]
+)
+def test_an_error_is_told_in_three_digits_whatever_the_size_of_the_machine(value, told):
+    assert _told(value, "m") == told
 
 
 @pytest.mark.parametrize(
