@@ -94,10 +94,13 @@ def compensate(cfg: Config, folder: Path) -> dict[str, Any]:
         "config": cfg,
     }
     write_json(folder / "result.json", result)
-    (folder / "report.html").write_text(_page(result, runs, plant), encoding="utf-8")
+    limited = _limited(runs, plant)
+    (folder / "report.html").write_text(_page(result, runs, plant, limited), encoding="utf-8")
     for name, row in result["motions"].items():
         log.info(f"{name}: rms tracking error {_told(row['before'], result['unit'])} before, "
                  f"{_told(row['after'], result['unit'])} after, {_lower(row)}")  # fmt: skip
+    if limited:
+        log.warning(limited)
     log.info(f"report.html, result.json {' '.join(files)} are in {folder}")
     return result
 
@@ -210,6 +213,14 @@ def _rms(loop: Loop) -> float:
     return float(np.sqrt(np.mean(loop.error[_late(loop)] ** 2)))
 
 
+def _limited(runs: Sequence[tuple[str, Loop, Loop]], plant: Plant) -> str:
+    """A sentence on motions for which the machine's torque does not suffice; empty where there is none."""
+    held = {name: float(np.mean(np.abs(after.torque[_late(after)]) >= plant.limit)) for name, _, after in runs}
+    told = ", ".join(f"{100 * share:.2g} % of {name}" for name, share in held.items() if share > 0)
+    limit = f"{plant.limit:g} {readable_unit(plant.mechanism.system.force_unit)}"
+    return told and f"The torque is at its limit of {limit} in {told}: no compensation can add to it there."
+
+
 def _told(value: float, unit: str) -> str:
     factor, small = _scaled(value)
     return f"{factor * value:.3g} {small}{readable_unit(unit)}"
@@ -226,7 +237,7 @@ def _lower(row: Mapping[str, float]) -> str:
     return f"{abs(share):.1f} % {'lower' if share >= 0 else 'higher'}"
 
 
-def _page(result: Mapping[str, Any], runs: list[tuple[str, Loop, Loop]], plant: Plant) -> str:
+def _page(result: Mapping[str, Any], runs: list[tuple[str, Loop, Loop]], plant: Plant, limited: str) -> str:
     unit = result["unit"]
     rows = "".join(
         f'<tr><th scope="row">{html.escape(name)}</th><td>{_told(row["before"], unit)}</td>'
@@ -248,7 +259,7 @@ def _page(result: Mapping[str, Any], runs: list[tuple[str, Loop, Loop]], plant: 
     told = (
         f"<p>Diagnosis of the recording with the PID alone: {html.escape(result['verdict'])}; identified "
         f"{html.escape(result['mechanism'])}, compensated {html.escape(result['compensated'] or 'nothing')}. "
-        "Rms tracking error, the first third of each motion left out.</p>"
+        f"Rms tracking error, the first third of each motion left out. {html.escape(limited)}</p>"
     )
     name, before, after = max(runs, key=lambda run: _rms(run[1]))
     caption = f"{name}: tracking error, and the torque that was added beside the true friction."

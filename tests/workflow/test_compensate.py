@@ -29,9 +29,16 @@ def test_an_axis_is_identified_and_tracks_better_and_the_compensator_is_there_as
     assert row["after"] < 0.2 * row["before"] and result["verdict"] == "not diagnosed"
     assert result["parameters"]["mu_c"] == pytest.approx(3.0, rel=0.1)
     page = (tmp_path / "run" / "report.html").read_text()
+    assert "torque is at its limit" not in page + done.stdout + done.stderr
     assert_reads_everywhere(page)
     command = ["cc", "-std=c99", "-c", "-Wall", "-Werror", "-o", tmp_path / "x.o", tmp_path / "run" / "compensator.c"]
     subprocess.run(command, check=True)
+
+
+def test_a_machine_whose_torque_does_not_suffice_for_the_motion_is_told(tmp_path):
+    done = call("compensate.py", *SHORT, "machine.limit=4.6", "scale=10", cwd=tmp_path)
+    assert "The torque is at its limit of 4.6 N in" in done.stdout.replace("\n", " ") + done.stderr
+    assert "The torque is at its limit of 4.6 N in" in (tmp_path / "run" / "report.html").read_text()
 
 
 @pytest.mark.parametrize(
