@@ -96,6 +96,22 @@ def check(folder: Path, compensator: Compensator) -> None:
     np.testing.assert_allclose(theirs, ours, rtol=1e-9, atol=1e-9)
 
 
+def test_a_cycle_without_a_reference_or_a_torque_adds_nothing_in_c_and_spoils_no_later_one(tmp_path: Path):
+    write_compensator_c(tmp_path, Compensator(Mechanism(SYSTEMS["drive"](), LAWS["lugre"]()), LUGRE, **ADAPTS))
+    (tmp_path / "main.c").write_text(MAIN, encoding="ascii")
+    subprocess.run(["cc", "-std=c99", "-o", "main", "main.c", "compensator.c", "-lm"], cwd=tmp_path, check=True)
+
+    def said(data: np.ndarray) -> list[str]:
+        text = "\n".join(" ".join(map(repr, row)) for row in data.tolist())
+        return subprocess.run([tmp_path / "main"], input=text, capture_output=True, text=True, check=True).stdout.split(
+            "\n"
+        )
+
+    data, lost = rows(5e-3), [[np.nan, 0, 0, 0, 0], [0, 0, np.inf, 0, 0], [0, 0, 0, 0, np.nan]]
+    whole, holed = said(data), said(np.insert(data, 700, lost, axis=0))
+    assert holed[700:703] == ["0 0 0"] * 3 and holed[:700] + holed[703:] == whole
+
+
 def test_a_compensator_in_c_that_runs_for_months_counts_no_further_than_its_delay(tmp_path: Path):
     write_compensator_c(tmp_path, Compensator(Mechanism(SYSTEMS["drive"](), LAWS["lugre"]()), LUGRE, **ADAPTS))
     counts = MAIN.replace(

@@ -313,8 +313,10 @@ compensator_command compensator_update(compensator *c, const double reference[3]
 {
     const double square = reference[1] * reference[1], share = square / (square + still * still);
     double u[NU], out[OUT], m[NW][NW], now[N], variance, added;
-    compensator_command command;
+    compensator_command command = {0.0, 0.0, 0.0};
     int pivots[NW], i, j;
+    if (!(isfinite(reference[0]) && isfinite(reference[1]) && isfinite(reference[2]) && isfinite(torque)))
+        return command;
     if (c->begun == 0) {
         begin(c, reference, position);
     } else {

@@ -35,7 +35,7 @@ void compensator_reset(compensator *c);
 /* One cycle.
  * reference: position, velocity and acceleration wanted when the torque will act, $delay s and half a cycle from now;
  * position: measured now, NAN where there is no reading; torque: commanded in the cycle before, limits and
- * compensation included. */
+ * compensation included. Where reference or torque is no finite number nothing is added and nothing learned. */
 compensator_command compensator_update(compensator *c, const double reference[3], double position, double torque);
 
 #endif
