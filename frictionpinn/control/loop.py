@@ -13,6 +13,7 @@ from ..errors import UserError
 from ..numerics.codegen import Kernels, pointer
 from ..numerics.integrator import OK, OPTIONS, integrate
 from ..numerics.tableau import METHOD
+from ..online.check import finite
 from ..physics.mechanism import Mechanism
 from .compensator import Command, Compensator, check_axis, completed
 from .pid import Gains, pid
@@ -234,10 +235,15 @@ def close(
         delay: that controller and compensator believe in, s.
 
     Raises:
-        UserError: a plant that is no axis, a delay that is no whole number of half cycles, a motion that cannot be
-            simulated.
+        UserError: a plant that is no axis, a time without a cycle, a delay that is no whole number of half cycles, a
+            motion that cannot be simulated.
     """
     check_axis(plant.mechanism)
+    for key, value in {"interval": interval, "duration": duration}.items():
+        if not (finite(value) and value > 0):
+            raise UserError("impossible value", where=key, received=value, allowed="a number of seconds above 0")
+    if round(duration / interval) < 1:
+        raise UserError("no cycle", where="duration", received=duration, allowed=f"{interval:g} s, a cycle, or more")
     part = interval / PARTS
     late = round(plant.delay / part)
     if plant.delay < 0 or abs(late * part - plant.delay) > 1e-9:

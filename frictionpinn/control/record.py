@@ -24,21 +24,21 @@ def recorded(loops: Mapping[str, Loop], mechanism: Mechanism, delay: float = 0.0
         loops: by the name that the trial is to have.
         mechanism: the axis, which names the signals.
         delay: from a command to its effect, s.
-        rate_hz: of the recording.
+        rate_hz: of the recording; the nearest to it at which a sample is a whole number of cycles.
 
     Raises:
-        UserError: no axis, or a rate that is not above 0 and at most that of the loop.
+        UserError: no axis, or a rate above that of the loop or without two samples of it.
     """
     check_axis(mechanism)
     (coordinate,), trials = mechanism.free, []
     units = mechanism.system.signal_units
     for name, loop in loops.items():
         h = float(loop.t[1] - loop.t[0])
-        if not (finite(rate_hz) and 0 < rate_hz <= 1.001 / h):
-            raise UserError(
-                "impossible rate", where="rate_hz", received=rate_hz, allowed=f"above 0, up to {1 / h:g} Hz"
-            )
-        step = round(1 / (rate_hz * h))
+        least = 2 / (len(loop.t) * h)  # two samples
+        if not (finite(rate_hz) and least <= rate_hz <= 1.001 / h):
+            raise UserError("impossible rate", where="rate_hz", received=rate_hz,
+                            allowed=f"{least:.3g} to {1 / h:g} Hz")  # fmt: skip
+        step = min(round(1 / (rate_hz * h)), len(loop.t) // 2)
         n = len(loop.t) // step
         whole = int(delay / h)
         part = delay / h - whole  # during a cycle, so much of it the command of one more cycle ago acts

@@ -118,6 +118,20 @@ def test_a_delay_that_is_no_whole_number_of_half_cycles_is_refused():
         close(replace(plant(), delay=1.2e-3), gains(), reference("sine", 5e-3, 1.0), 0.1)
 
 
+@pytest.mark.parametrize(
+    ("time", "said"),
+    [
+        ({"duration": 0.0}, "duration is 0.0; allowed: a number of seconds above 0"),
+        ({"duration": "1 s"}, "duration is 1 s"),
+        ({"duration": 1e-4}, "no cycle: duration is 0.0001; allowed: 0.001 s, a cycle, or more"),
+        ({"interval": 0.0}, "interval is 0.0"),
+    ],
+)
+def test_a_loop_without_a_cycle_is_refused(time, said):
+    with pytest.raises(UserError, match=said):
+        close(plant(), gains(), reference("sine", 5e-3, 1.0), **{"duration": 1.0, **time})
+
+
 def test_an_unknown_reference_is_refused_with_the_nearest():
     with pytest.raises(UserError, match="did you mean 'triangle'"):
         reference("triangel", 1.0, 1.0)

@@ -22,7 +22,7 @@ def test_positions_and_torques_of_the_same_time_obey_the_equation_of_motion():
     assert np.std(left[smooth][5:-5]) < 0.05 * np.std(friction)
 
 
-@pytest.mark.parametrize("rate", [0.0, 5000.0])
+@pytest.mark.parametrize("rate", [0.0, 5000.0, 15.0, None])
 def test_an_impossible_rate_is_refused(rate):
     loop = close(plant(), gains(), reference("sine", 5e-3, 1.0), 0.1, None, (DRIVE, TRUTH), delay=DELAY)
     with pytest.raises(UserError, match="rate_hz"):
