@@ -62,13 +62,15 @@ def to_si(values: np.ndarray, unit: str, signal_unit: str, where: str) -> np.nda
         return values
     target = _parse(signal_unit, signal_unit, where)
     source = _matching(unit, target, signal_unit, where)
-    if _is_frequency(unit) and "rad" in signal_unit:
+    # An angle has no dimension: 1/min, Hz and counts would pass for radians, and a factor of 2 pi would be lost.
+    if _angles(target) > 0 and _angles(source) != _angles(target):
         raise UserError(
-            "a frequency is not an angular rate",
+            "a unit without an angle where the signal turns",
             where=where,
             received=repr(unit),
             allowed=_allowed(target),
-            fix="write turn/s if the column counts revolutions",
+            fix="write turn, turn/s or rpm where it counts revolutions; of an encoder's counts write rad, and rad per "
+            "count in gains",
         )
     return np.asarray(registry().Quantity(values, source).to(target).magnitude, dtype=float)
 
@@ -127,8 +129,10 @@ def _try_parse(text: str) -> Any:
         return None
 
 
-def _is_frequency(unit: str) -> bool:
-    return re.fullmatch(r"[kM]?(?:Hz|hertz)", unit) is not None
+def _angles(unit: Any) -> int:
+    """Power of the angle in a unit: 1 of rpm, 0 of 1/min, -1 of N*m/rad."""
+    items = registry().Quantity(1.0, unit).to_root_units().unit_items()
+    return int({str(name): power for name, power in items}.get("radian", 0))
 
 
 def _dimension(unit: Any) -> str:

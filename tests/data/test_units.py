@@ -65,9 +65,26 @@ def test_a_wrong_dimension_names_both():
         to_si(np.ones(2), "mm", "N", "units.force")
 
 
-def test_hertz_is_refused_as_an_angular_rate_because_a_factor_of_two_pi_hides_in_it():
-    with pytest.raises(UserError, match="frequency is not an angular rate"):
-        to_si(np.ones(2), "Hz", "rad/s", "units.omega")
+@pytest.mark.parametrize(
+    ("unit", "signal_unit"),
+    [
+        ("Hz", "rad/s"),
+        ("1/min", "rad/s"),
+        ("min^-1", "rad/s"),
+        ("Hz/s", "rad/s^2"),
+        ("count", "rad"),
+        ("percent", "rad"),
+    ],
+)
+def test_a_unit_without_an_angle_is_refused_for_a_signal_that_turns_because_a_factor_of_two_pi_hides_in_it(
+    unit, signal_unit
+):
+    with pytest.raises(UserError, match="a unit without an angle"):
+        to_si(np.ones(2), unit, signal_unit, "units.omega")
+
+
+def test_a_stiffness_may_leave_out_the_angle_that_it_is_divided_by():
+    assert to_si(np.ones(1), "N*m", "N*m/rad", "units.k")[0] == 1.0
 
 
 def test_importing_the_readers_loads_neither_pint_nor_pandas_nor_scipy():
