@@ -24,7 +24,8 @@ from .arguments import mechanism_given, number_given, recording_given, seed_give
 from .models import made_system
 
 Paths = str | os.PathLike | Iterable[str | os.PathLike]
-READING = ("columns", "units", "gains", "trial_column", "rate_hz", "max_samples")  # of conf/data/csv.yaml what is read
+# Of conf/data/csv.yaml what is read.
+READING = ("columns", "units", "gains", "trial_column", "delimiter", "decimal", "rate_hz", "max_samples")
 
 
 def read(path: Paths, system: System | str, **options: Any) -> Recording:
@@ -34,7 +35,8 @@ def read(path: Paths, system: System | str, **options: Any) -> Recording:
         path: a file, a folder, a pattern or a list of these: .csv, .csv.gz, .txt, .tsv, .parquet, .mat, .npz.
         system: what was recorded, or its name; its signals are the names that columns are read as.
         options: as in conf/data/csv.yaml: ``columns={"x": "pos"}``, ``units={"x": "mm", "default": "SI"}`` (without
-            them all are in SI), ``gains``, ``trial_column`` (None: each file is a trial), ``rate_hz``, ``max_samples``.
+            them all are in SI), ``gains``, ``trial_column`` (None: each file is a trial), ``delimiter``, ``decimal``,
+            ``rate_hz``, ``max_samples``.
 
     Raises:
         UserError: what the file lacks or holds that cannot be: columns, units, values, time.

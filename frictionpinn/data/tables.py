@@ -89,7 +89,7 @@ def numbers(values: np.ndarray, where: str) -> np.ndarray:
                 where=f"{where}, data row {row}",
                 received=repr(str(value))[:60],
                 allowed="numbers",
-                fix="remove rows of text (such as a row of units), or set decimal where the comma marks decimals",
+                fix="remove rows of text (such as units), or say 'data.decimal=\",\"' where commas mark decimals",
             ) from None
     return out
 
@@ -106,6 +106,7 @@ def load_table(path: Path, delimiter: str | None = None, decimal: str | None = N
     Raises:
         UserError: unknown ending, empty file, or content that does not fit the ending.
     """
+    _check_marks(delimiter, decimal)
     end = ending(path)
     if end is None:
         raise UserError(
@@ -129,6 +130,15 @@ def load_table(path: Path, delimiter: str | None = None, decimal: str | None = N
         raise UserError(
             f"cannot read as {end}", where=str(path), received=reason, fix="export the file again"
         ) from error
+
+
+def _check_marks(delimiter: object, decimal: object = None) -> None:
+    if delimiter is not None and not (isinstance(delimiter, str) and len(delimiter) == 1):
+        raise UserError("not a delimiter", where="data.delimiter", received=repr(delimiter),
+                        allowed='one character such as ";", or null')  # fmt: skip
+    if decimal not in (None, ".", ",") or decimal == delimiter is not None:
+        raise UserError("not a decimal mark", where="data.decimal", received=repr(decimal),
+                        allowed='"," or "." where that is not the delimiter, or null')  # fmt: skip
 
 
 def _empty(path: Path) -> UserError:
@@ -175,7 +185,7 @@ def _no_table(path: Path, error: Exception) -> UserError:
         where=str(path),
         received=str(error).split("\n", 1)[0][:120],
         allowed="a header row, then rows with as many fields",
-        fix="mend the row, or set delimiter and decimal",
+        fix="mend the row, or say data.delimiter and data.decimal",
     )
 
 
@@ -242,10 +252,11 @@ def _from_variables(path: Path, variables: dict[str, Any]) -> Table:
 _READERS: dict[str, Callable[[Path], Table]] = {".parquet": _load_parquet, ".mat": _load_mat, ".npz": _load_npz}
 
 
-def columns_of(path: str | Path) -> list[str]:
+def columns_of(path: str | Path, delimiter: str | None = None) -> list[str]:
     """Names of the columns or variables of the first file that ``path`` names, in the order of the file."""
     from frictionpinn.data.read import find_files
 
+    _check_marks(delimiter)
     file = find_files(path)[0]
     if ending(file) not in TEXT_ENDINGS or file.stat().st_size == 0:
         return load_table(file).names
@@ -254,6 +265,6 @@ def columns_of(path: str | Path) -> list[str]:
     if not lines:
         raise _empty(file)
     try:
-        return _header(lines[0], _sniff_delimiter(lines))
+        return _header(lines[0], delimiter or _sniff_delimiter(lines))
     except csv.Error as error:
         raise _no_table(file, error) from error

@@ -53,6 +53,8 @@ def read_robot(
     columns: Mapping[str, Any] | None = None,
     units: Mapping[str, str] | None = None,
     trial_column: str | None = None,
+    delimiter: str | None = None,
+    decimal: str | None = None,
     gains: Sequence[float] | None = None,
     gear: Sequence[float] | None = None,
     coupling: Sequence[Sequence[float]] | None = None,
@@ -67,13 +69,14 @@ def read_robot(
         units: kind or signal -> unit of its columns, of a signal rather than of its kind; that of a kind is of the
             joints whose dimension it has, deg of those that turn; ``default`` covers the others. None: SI.
         trial_column: column that names the trials; None: each file is one.
+        delimiter, decimal: of text files; found from the file if None.
         gains, gear, coupling: see :func:`torques`.
 
     Raises:
         UserError: as ``read_recording``; no positions, no torques, or not as many columns as joints.
     """
     wanted, files = robot_units(robot), find_files(paths)
-    present = columns_of(files[0])
+    present = columns_of(files[0], delimiter)
     table = _columns(columns, present, robot.joints, str(files[0]))
     if trial_column not in (None, "trial", *present):
         raise UserError(
@@ -95,6 +98,8 @@ def read_robot(
         signal_units=wanted,
         trial_column=trial_column if trial_column in present else None,
         required=(),
+        delimiter=delimiter,
+        decimal=decimal,
     )
     used = ", ".join(f"{n} from {c}" for n, c in table.items() if n != c) or ", ".join(table)
     return torques(replace(recording, notes=(f"columns used: {used}",)), robot, gains, gear, coupling)

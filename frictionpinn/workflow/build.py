@@ -172,7 +172,7 @@ def _from_files(cfg: Config, system: System) -> Recording:
     known = system.signal_units
     allowed = {**known, "start": "s"}
     trial_column = cfg.get("trial_column")
-    present = columns_of(_paths(cfg["path"])[0])
+    present = columns_of(_paths(cfg["path"])[0], cfg.get("delimiter"))
     columns = mapping(cfg, "columns", "data")
     if cfg.get("columns") is None:
         columns = {name: name for name in allowed if name in present}
@@ -199,6 +199,8 @@ def _from_files(cfg: Config, system: System) -> Recording:
         signal_units=known,
         trial_column=trial_column,
         gains=mapping(cfg, "gains", "data"),
+        delimiter=cfg.get("delimiter"),
+        decimal=cfg.get("decimal"),
     )
     for trial in recording.trials:
         for name, values in trial.signals.items():

@@ -92,6 +92,8 @@ def recorded(cfg: Config) -> tuple[Robot, Recording]:
         columns=data.get("columns"),
         units=mapping(data, "units", "data") or None,
         trial_column=data.get("trial_column"),
+        delimiter=data.get("delimiter"),
+        decimal=data.get("decimal"),
         gains=r["gains"],
         gear=r["gear"],
         coupling=r["coupling"],

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from frictionpinn.errors import UserError
 from frictionpinn.workflow.build import build_system
 from frictionpinn.workflow.experiment import build_data
 
@@ -37,6 +39,27 @@ def test_one_unit_can_be_added_on_the_command_line(contact, csv, check, tmp_path
     path = csv(lambda table: table.assign(x=table.x * 1e3))
     override = "data.units={x: mm, default: SI}"
     check(tmp_path / "run", "data=csv", f"data.path={path}", override)
+
+
+def test_decimal_commas_that_no_early_row_shows_are_read_once_the_mark_is_given(contact, csv):
+    def in_whole_ms(table):
+        at_rest = table[table.trial == 1].iloc[:60] * [1, 1, *[0] * 6]
+        moving = table.assign(t=table.t + np.where(table.trial == 1, 0.3, 0.0))
+        return pd.concat([at_rest, moving]).assign(t=lambda both: (1e3 * both.t).round())
+
+    _, plain = contact(csv(in_whole_ms), "data.units={t: ms, default: SI}")
+    path = csv(lambda _: None)
+    in_whole_ms(pd.read_csv(path)).map(lambda x: f"{x:.17g}".replace(".", ",")).to_csv(path, sep=";", index=False)
+    with pytest.raises(UserError, match="where commas mark decimals"):
+        contact(path, "data.units={t: ms, default: SI}")
+    _, read = contact(path, "data.units={t: ms, default: SI}", 'data.decimal=","', 'data.delimiter=";"')
+    same(plain, read)
+
+
+@pytest.mark.parametrize("mark", ["data.decimal=x", "data.delimiter=ab", 'data.decimal=","'])
+def test_a_mark_that_no_text_file_has_is_refused_in_a_line(contact, csv, mark):
+    with pytest.raises(UserError, match=mark.partition("=")[0]):
+        contact(csv(), mark, *(['data.delimiter=","'] if "," in mark else []))
 
 
 def test_columns_that_are_not_needed_are_ignored(contact, csv):
