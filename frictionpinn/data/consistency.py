@@ -238,7 +238,7 @@ def _elsewhere(relations: Relations, low: str, high: str) -> Relation | None:
 
 def _off(name: str, factor: float, units: dict[str, str], than: str, unless: str = "") -> Finding:
     """A signal that is ``factor`` times what it should be."""
-    if abs(abs(factor) - 1) < OFF - 1:
+    if 1 / OFF < -factor < OFF:
         what = f"{name} has its sign turned: it is {factor:.3g} times {than}"
     else:
         turned = " and its sign turned" if factor < 0 else ""

@@ -56,7 +56,7 @@ def unit_for(factor: float, unit: str) -> str:
 
 def rescaled(name: str, factor: float, unit: str) -> str:
     """How to read a column that is ``factor`` times what its signal should be."""
-    if abs(factor + 1) < OFF - 1:
+    if 1 / OFF < -factor < OFF:
         return f"turn it: data.gains={{{name}: -1}}"
     if factor > 0 and (found := unit_for(factor, unit)):
         return f"give its unit: data.units={{{name}: {found}, default: SI}}"

@@ -175,6 +175,17 @@ def test_one_trial_of_another_unit_or_sign_is_told_with_its_name(signal, factor,
         assert told.startswith(f"in trial '{name}' ") and said in told
 
 
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [(0.77, "a is too small by 1.3,"), (1.3, "a is too large by 1.3,"), (-0.9, "a has its sign turned: it is -0.9")],
+)
+def test_a_sign_is_told_to_be_turned_only_where_it_is(factor, said):
+    recording = drive_log()
+    trials = [t.with_signals(a=factor * t.signals["a"]) for t in recording.trials]
+    (told,) = inspect(replace(recording, trials=tuple(trials)), SYSTEMS["drive"](M=2.0))
+    assert said in str(told) and ("data.gains={a: -1}" in str(told)) == (factor < 0)
+
+
 def test_a_trial_that_the_equation_explains_worse_than_the_others_is_named():
     recording = drive_log()
     first, second, third = recording.trials
