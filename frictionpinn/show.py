@@ -111,8 +111,16 @@ def _cell(value: object) -> str:
 
 def interval(ends: Sequence[float | None]) -> str:
     """A 95 % interval as people write it; empty where there is none."""
-    low, high = (float("nan") if end is None else float(end) for end in ends)
-    return "" if low != low and high != high else f"{low:.4g} to {high:.4g}"
+    low, high = (math.nan if end is None else float(end) for end in ends)
+    return "" if low != low and high != high else f"{estimated(low, ends)} to {estimated(high, ends)}"
+
+
+def estimated(value: float, ends: Sequence[float | None]) -> str:
+    """A value with so many digits, four at least, that the ends of its interval differ by ten of the last."""
+    told = [float(end) for end in ends if end is not None and math.isfinite(end)]
+    size, width = max(map(abs, told), default=0.0), max(told, default=0.0) - min(told, default=0.0)
+    apart = math.ceil(math.log10(size / width)) + 1 if width > 0 else 0
+    return f"{value:.{min(max(apart, 4), 15)}g}"
 
 
 def plain(value: float) -> float | None:

@@ -15,7 +15,7 @@ from ..errors import Interrupted, UserError
 from ..physics import extensions
 from ..physics.mechanism import Mechanism
 from ..progress import clock
-from ..show import Shown, Table, folder_at, interval, readable_unit
+from ..show import Shown, Table, estimated, folder_at, interval, readable_unit
 from ..workflow import evaluate as evaluation
 from ..workflow import export as handing_on
 from ..workflow.configs import CONF, Configs, quote, with_extensions, written
@@ -72,8 +72,9 @@ class Run(InFolder):
             cells = []
             for name, entry in self.result["parameters"].items():
                 better = refined.get(name, {})
-                value, ends = better.get("value", entry["value"]), interval(better.get("ci95", (None, None)))
-                cells.append((name, value, readable_unit(entry["unit"]), ends, entry["start"], entry.get("truth")))
+                value, ends = better.get("value", entry["value"]), better.get("ci95", (None, None))
+                told = (estimated(value, ends), readable_unit(entry["unit"]), interval(ends))
+                cells.append((name, *told, entry["start"], entry.get("truth")))
             columns = ("parameter", "value", "unit", "95 % interval", "start", "truth")
             found.append(Table(columns, tuple(cells)))
         return found

@@ -18,7 +18,7 @@ from ..identify.result import Estimate
 from ..physics.effects import effects_for
 from ..physics.mechanism import Mechanism
 from ..physics.remainder import remainders
-from ..show import Shown, Table, interval, readable_unit
+from ..show import Shown, Table, estimated, interval, readable_unit
 from .bench import Bench
 from .candidates import Candidate, candidates, scales
 from .errors import main_signal
@@ -106,7 +106,7 @@ class Diagnosis(Shown, Verdict):
         from ..report.diagnosis import headline
 
         before = {name: self.declared.values[name] for name in self.declared.names}
-        rows = [(n, value, readable_unit(self.units[n]), interval(self.ci95[n]), before.get(n))
+        rows = [(n, estimated(value, self.ci95[n]), readable_unit(self.units[n]), interval(self.ci95[n]), before.get(n))
                 for n, value in self.values.items()]  # fmt: skip
         return [Table(("parameter", "value", "unit", "95 % interval", "as declared"), tuple(rows),
                       f"{self.verdict}: {headline(self)}")]  # fmt: skip

@@ -12,7 +12,7 @@ from ..data.inspect import no_slip
 from ..numerics.descent import ENDED, Solution
 from ..numerics.excess import rms
 from ..physics.base import plain_name
-from ..show import Shown, Table, interval, plain, readable_unit
+from ..show import Shown, Table, estimated, interval, plain, readable_unit
 from .problem import Problem
 from .trial import TrialModel
 
@@ -138,7 +138,8 @@ class Estimate(Told):
 
     def tables(self) -> list[Table]:
         """Parameters with their intervals; below, what the data do not tell."""
-        rows = [(n, self.values[n], readable_unit(self.units[n]), interval(self.ci95[n])) for n in self.names]
+        rows = [(n, estimated(self.values[n], ends := self.ci95[n]), readable_unit(self.units[n]), interval(ends))
+                for n in self.names]  # fmt: skip
         title = f"{self.estimator}: {self.outcome}, {self.n_simulations} simulations, {self.seconds:.2f} s"
         return [Table(("parameter", "value", "unit", "95 % interval"), tuple(rows), title, self.advice)]
 

@@ -100,7 +100,8 @@ def effect_in_words(d: RobotDiagnosis, a: Accepted) -> str:
     model = d.fit.model
     units = {n: readable_unit(u) for n, u in unit_of(d).items()}
     values = [
-        f"{plain_name(n)} {number(model.values[n])} {units.get(n, '')}".rstrip() + f" [{span(d.fit.interval(n))}]"
+        f"{plain_name(n)} {number(model.values[n], d.fit.interval(n))} {units.get(n, '')}".rstrip()
+        + f" [{span(d.fit.interval(n))}]"
         for n in a.term.names(model)
         if n in model.values
     ]

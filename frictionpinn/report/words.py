@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ..show import estimated, interval
+
 LEAST_CHANCE = -100  # decimal logarithm: no noise is known so well that smaller ones differ
 
 
-def number(value: float | None) -> str:
-    """Four significant digits."""
-    return "?" if value is None else f"{value:.4g}"
+def number(value: float | None, ci95: Sequence[float | None] = ()) -> str:
+    """Four significant digits, more where the 95 % interval is so narrow."""
+    return "?" if value is None else estimated(value, ci95)
 
 
 def span(ci95: Sequence[float | None]) -> str:
     """A 95 % interval in words."""
-    return "not told by these data" if None in ci95 else f"{number(ci95[0])} to {number(ci95[1])}"
+    return interval(ci95) if None not in ci95 else "not told by these data"
 
 
 def chance(log10_p: float) -> str:

@@ -25,7 +25,7 @@ from ..physics.notation import equations, in_latex, in_mathml
 from ..progress import shorter
 from ..report.diagnosis import gain_together, headline, write_page
 from ..report.diagnosis_figures import draw
-from ..report.words import span
+from ..report.words import number, span
 from ..show import plain, readable_unit
 from .build import (
     Config,
@@ -132,7 +132,7 @@ def report(d: Diagnosis, cfg: Config, folder: Path) -> dict[str, Any]:
     for effect in result["effects"]:
         log.info(f"  {effect['name']}: {effect['is']}")
         for name, p in effect["parameters"].items():
-            value = f"{p['value']:.4g} {readable_unit(p['unit'])}".rstrip()
+            value = f"{number(p['value'], p['ci95'])} {readable_unit(p['unit'])}".rstrip()
             log.info(f"  {effect['name']}: {name} = {value} [{span(p['ci95'])}]")
     if d.network is not None:
         error = result["unexplained"]["network"]["error"]

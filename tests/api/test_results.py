@@ -12,9 +12,34 @@ from matplotlib.figure import Figure
 
 import frictionpinn as fp
 from frictionpinn.identify import Estimate
+from frictionpinn.report.words import span
+from frictionpinn.show import estimated, interval
 
 VALUES = {"mu_c": 3.0, "sigma_2": 2.0}
 TRIALS = [{"duration": 1.0, "force": "8*sin(2*pi*t)"}, {"duration": 1.0, "force": "9*sin(3*pi*t)"}]
+
+
+@pytest.mark.parametrize(
+    ("ends", "told"),
+    [
+        ((0.019996, 0.020004), "0.019996 to 0.020004"),
+        ((0.29991, 0.30003), "0.29991 to 0.30003"),
+        ((2.9, 3.1), "2.9 to 3.1"),
+        ((-1.234567, 1.0), "-1.235 to 1"),
+        ((0.0, 2.0), "0 to 2"),
+        ((5.0, 5.0), "5 to 5"),
+        ((1.0, np.inf), "1 to inf"),
+        ((None, None), ""),
+    ],
+)
+def test_the_ends_of_a_narrow_interval_are_told_apart(ends, told):
+    assert interval(ends) == told
+    assert span(ends) == (told or "not told by these data")
+
+
+def test_an_estimate_is_told_with_as_many_digits_as_its_interval():
+    assert estimated(0.30003, (0.30001, 0.30005)) == "0.30003" and estimated(3.0001, (2.9, 3.1)) == "3"
+    assert estimated(0.123456, (None, np.nan)) == "0.1235"
 
 
 @pytest.fixture(scope="module")
