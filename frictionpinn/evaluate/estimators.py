@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
@@ -97,10 +98,14 @@ def error_against_time(results: Mapping[str, Mapping[str, Any]]) -> Figure:
     """Force error against processor time, a panel for each set of bounds, a line for each seed, a dot at its end."""
     figure = Figure(figsize=(1.5 + 5.2 * len(results), 4.8), layout="constrained")
     panels = figure.subplots(1, len(results), sharey=True, squeeze=False)[0]
+    traces = [run["trace"] for result in results.values() for runs in result["methods"].values() for run in runs]
+    # A start is at 0 s, which a logarithm has not: it is drawn where the first of all was measured.
+    first = min((seconds for trace in traces for seconds, mse in trace if mse and seconds > 0), default=1.0)
+    errors_seen = [mse for trace in traces for _, mse in trace if mse]
     for axis, (title, result) in zip(panels, results.items(), strict=True):
         for method, runs in result["methods"].items():
             for run in runs:
-                way = [(max(seconds, 0.1), mse) for seconds, mse in run["trace"] if mse]
+                way = [(max(seconds, first), mse) for seconds, mse in run["trace"] if mse]
                 if not way:
                     continue
                 times, errors = zip(*way, strict=True)
@@ -110,6 +115,10 @@ def error_against_time(results: Mapping[str, Mapping[str, Any]]) -> Figure:
         axis.set(xscale="log", yscale="log", xlabel="processor time (s)", title=title)
         axis.grid(True, which="major", color="#e8ecf1", zorder=0)
     panels[0].set(ylabel=f"mean square error of the simulated force ({unit})")
+    if errors_seen:  # a decade at least: estimators that differ by a percent are to look alike
+        middle = math.sqrt(min(errors_seen) * max(errors_seen))
+        low, high = panels[0].get_ylim()
+        panels[0].set_ylim(min(low, middle / math.sqrt(10)), max(high, middle * math.sqrt(10)))
     shown = next(iter(results.values()))["methods"]
     for method in shown:
         panels[0].plot([], [], "o-", color=COLORS[method], label=LABELS[method])

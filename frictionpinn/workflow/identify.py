@@ -61,7 +61,7 @@ def identify(cfg: Config, folder: Path) -> dict[str, Any]:
         return robot.identify(cfg, folder)
     result = compare(cfg)
     folder.mkdir(parents=True, exist_ok=True)
-    save_png(error_against_time({cfg["bounds"]["name"]: result}), folder / "error_against_time.png")
+    save_png(error_against_time({f"bounds: {cfg['bounds']['name']}": result}), folder / "error_against_time.png")
     write_json(folder / "result.json", result | {"versions": versions(), "commit": commit(), "config": cfg})
     log.info(table(result))
     log.info(f"error_against_time.png and result.json are in {folder}")

@@ -70,6 +70,15 @@ def test_titles_of_the_figure_of_estimators_fit_into_it(panels):
     assert legend.x0 >= canvas.x0 and legend.x1 <= canvas.x1
 
 
+def test_the_figure_of_estimators_shows_short_times_as_they_are_and_a_percent_as_a_percent():
+    runs = {"least_squares": [{"trace": [(0.0, 0.0204), (0.02, 0.0203)]}], "genetic": [{"trace": [(0.5, 0.0202)]}]}
+    figure = error_against_time({"bounds: data": {"methods": runs, "units": {"force_mse": "N^2"}}})
+    (axes,) = figure.axes
+    assert axes.lines[0].get_xdata().tolist() == [0.02, 0.02] and axes.lines[2].get_xdata().tolist() == [0.5]
+    low, high = axes.get_ylim()
+    assert high / low >= 10 * (1 - 1e-9) and low < 0.0202 and high > 0.0204
+
+
 def test_the_table_of_estimators_tells_how_large_the_force_itself_is():
     run = {"values": {"mu_c": 0.3}, "seconds": 1.0, "processor_seconds": 1.0, "simulations": 5, "force_mse": 0.02}
     result = {"methods": {"maximum_likelihood": [run | {"force_mean_square": 4.1}]}, "seeds": [0], "truth": None}
