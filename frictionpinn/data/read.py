@@ -69,7 +69,7 @@ def read_recording(
     digest = hashlib.sha256()
     for file in files:
         _add_bytes(digest, file)
-        table = load_table(file, delimiter, decimal)
+        table = load_table(file, delimiter, decimal, trial_column)
         trials += _trials(table, columns, units, signal_units, gains, trial_column)
     where = str(files[0]) if len(files) == 1 else f"{files[0]} and {len(files) - 1} more"
     read = [name for name, column in columns.items() if name not in _CLOCKS and isinstance(column, str)]
@@ -291,5 +291,7 @@ def _split(values: np.ndarray, where: str) -> list[tuple[str, np.ndarray]]:
 
 
 def _label(value: Any) -> str:
-    whole = isinstance(value, float) and value.is_integer()
-    return str(int(value) if whole else value).strip()
+    """A trial's name: 2 also where its numbers are written as 2.0."""
+    name = str(value).strip()
+    number = float(name.replace(",", ".")) if re.fullmatch(r"-?\d+[.,]\d*(?:[eE][-+]?\d+)?", name) else 0.5
+    return str(int(number)) if number.is_integer() else name

@@ -100,8 +100,10 @@ def ending(path: Path) -> str | None:
     return next((end for end in sorted(ENDINGS, key=len, reverse=True) if name.endswith(end)), None)
 
 
-def load_table(path: Path, delimiter: str | None = None, decimal: str | None = None) -> Table:
-    """Read the file at ``path`` by its ending.
+def load_table(
+    path: Path, delimiter: str | None = None, decimal: str | None = None, labels: str | None = None
+) -> Table:
+    """Read the file at ``path`` by its ending; of a text file the column ``labels`` as text, 001 is not 1.
 
     Raises:
         UserError: unknown ending, empty file, or content that does not fit the ending.
@@ -120,7 +122,7 @@ def load_table(path: Path, delimiter: str | None = None, decimal: str | None = N
         raise _empty(path)
     reader = _READERS.get(end)
     if reader is None:
-        return _load_text(path, delimiter, decimal)
+        return _load_text(path, delimiter, decimal, labels)
     try:
         return reader(path)
     except UserError:
@@ -147,7 +149,7 @@ def _empty(path: Path) -> UserError:
     )
 
 
-def _load_text(path: Path, delimiter: str | None, decimal: str | None) -> Table:
+def _load_text(path: Path, delimiter: str | None, decimal: str | None, labels: str | None) -> Table:
     import pandas as pd
 
     with open_text(path) as text:
@@ -157,6 +159,7 @@ def _load_text(path: Path, delimiter: str | None, decimal: str | None) -> Table:
         try:
             sep = delimiter or _sniff_delimiter(lines)
             header = _header(lines[0], sep)
+            named = [k for k, name in enumerate(header) if name == labels]
             if _headless(lines[0], sep):
                 text.again(lines[0])
             with warnings.catch_warnings():
@@ -166,6 +169,7 @@ def _load_text(path: Path, delimiter: str | None, decimal: str | None) -> Table:
                     text,
                     sep=r"\s+" if sep == " " else sep,
                     decimal=decimal or _sniff_decimal(lines[1:], sep),
+                    dtype=dict.fromkeys(named, str),
                     header=None,
                     names=list(range(len(header))),
                     index_col=False,
@@ -176,6 +180,8 @@ def _load_text(path: Path, delimiter: str | None, decimal: str | None) -> Table:
             raise
         except (csv.Error, ValueError, OverflowError, pd.errors.ParserWarning) as error:
             raise _no_table(path, error) from error
+    for k in named:
+        frame[k] = frame[k].astype("category")  # each name once in memory, however many rows have it
     return Table(path, header, [frame.pop(column).to_numpy() for column in list(frame)])
 
 

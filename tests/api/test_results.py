@@ -37,6 +37,12 @@ def test_the_ends_of_a_narrow_interval_are_told_apart(ends, told):
     assert span(ends) == (told or "not told by these data")
 
 
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_trials_named_by_numbers_with_leading_zeros_keep_their_names_when_saved(model, tmp_path, ending):
+    made = fp.simulate(model, VALUES, [trial | {"name": f"00{k}"} for k, trial in enumerate(TRIALS)], rate_hz=100)
+    assert fp.read(made.save(tmp_path / f"log{ending}"), model.system).names == ["000", "001"]
+
+
 def test_an_estimate_is_told_with_as_many_digits_as_its_interval():
     assert estimated(0.30003, (0.30001, 0.30005)) == "0.30003" and estimated(3.0001, (2.9, 3.1)) == "3"
     assert estimated(0.123456, (None, np.nan)) == "0.1235"

@@ -250,6 +250,24 @@ def test_two_files_of_one_name_are_refused(tmp_path):
     refused("two trials with one name: .* is 'a'", paths)
 
 
+@pytest.mark.parametrize(
+    ("written", "names"),
+    [
+        (["1.0", "2.0"], ["1", "2"]),
+        (["1.000000e+00", "2.000000e+01"], ["1", "20"]),
+        (["001", "010"], ["001", "010"]),
+        (["1_2", "1_3"], ["1_2", "1_3"]),
+        (["1.50", "run 2"], ["1.50", "run 2"]),
+    ],
+)
+def test_names_of_trials_are_those_of_the_file_and_whole_numbers_however_written(tmp_path, written, names):
+    data = table()
+    rows = [f"{name},{t},{x},{f}" for name in written for t, x, f in zip(*data.values(), strict=True)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["lap,t,x,force", *rows]))
+    assert read(path, trial_column="lap").names == names
+
+
 # ---- properties of the text reader
 
 finite = st.floats(allow_nan=False, allow_infinity=False, width=64).map(lambda value: value + 0.0)
