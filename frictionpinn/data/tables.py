@@ -248,7 +248,7 @@ def _load_mat(path: Path) -> Table:
 def _from_variables(path: Path, variables: dict[str, Any]) -> Table:
     """Keep what can be a column: arrays of numbers or text with up to two dimensions."""
     kept = {
-        name: value
+        name if isinstance(name, str) else name.decode("latin-1"): value  # bytes: not of UTF-8, as HDF5 asks
         for name, value in variables.items()
         if isinstance(value, np.ndarray) and value.dtype.kind in "fiubU" and value.ndim <= 2
     }

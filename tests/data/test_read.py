@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from frictionpinn.data.read import read_recording
 from frictionpinn.data.recording import Recording
+from frictionpinn.data.tables import columns_of
 from frictionpinn.errors import UserError
 
 SIGNALS = {"x": "m", "v": "m/s", "force": "N", "mu": ""}
@@ -327,3 +328,10 @@ def test_a_damaged_file_ends_in_a_recording_or_a_user_error(tmp_path, data):
     (tmp_path / name).write_bytes(raw)
     with contextlib.suppress(UserError):
         assert isinstance(read(tmp_path / name), Recording)
+
+
+def test_a_variable_of_a_mat_file_whose_name_is_no_text_is_told_by_its_letters(tmp_path):
+    with h5py.File(tmp_path / "a.mat", "w") as file:
+        file.create_dataset(b"\xe4", data=np.arange(3.0))
+    refused("unknown column", tmp_path / "a.mat", {"t": "t"})
+    assert columns_of(tmp_path / "a.mat") == ["ä"]
