@@ -208,14 +208,11 @@ def verdict(
         more = ": the data show no such effect" if value[name] == 0 else ""
         result.append(f"{name} ended at {value[name]:g}, its physical limit{more}")
     for name in at_bound:
-        i = space.names.index(name)
-        lower = space.below[i]
+        lower = space.below[space.names.index(name)]
         if lower >= 0 and value[name] < MERGED * p[lower]:
             result.append(f"{name} ended at {space.names[lower]}: {FLAT}")
             continue
-        nothing = plain_name(name) in ("mu_c", "sigma_2") and value[name] < 2 * space.low[i]
-        either = "leave it out: this model wants none" if nothing else "hold it fixed"
-        result.append(f"{name} ended at its bound, {value[name]:.3g}: widen bounds.{name}, or {either}")
+        result.append(f"{name} ended at its bound, {value[name]:.3g}: widen bounds.{name}, or hold it fixed")
     for v_s in (name for name in space.names if plain_name(name) == "v_s"):
         if slides and value[v_s] > BROAD * problem.scales.sizes.at(v_s).scales["speed"][1]:
             bend = "the Stribeck term bends the whole curve and stands for something else"
