@@ -65,7 +65,7 @@ def about(case: Case) -> dict:
     return {
         "seed": case.seed, "system": case.system, "law": case.law, "rate_hz": case.rate_hz, "level": case.level,
         "quantised": case.quantised, "trials": len(case.clean.trials), "samples": len(case.clean),
-        "commit": (commit() or "")[:7],
+        "imposed": case.imposed, "commit": (commit() or "")[:7],
     }  # fmt: skip
 
 

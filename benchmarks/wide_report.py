@@ -42,7 +42,8 @@ def report(mode: str, labels: list[str]) -> str:
     found = {label: [c for c in cases if c["seed"] in shared] for label, cases in found.items()}
     columns = {label: (_identify if mode == "identify" else _diagnose)(cases) for label, cases in found.items()}
     rows = list(dict.fromkeys(row for column in columns.values() for row in column))
-    lines = [f"python benchmarks/wide.py --{mode}: {len(shared)} drawn recordings, seeds {_ranges(shared)}"]
+    asked = "--imposed " * all(c.get("imposed") for cases in found.values() for c in cases) + f"--{mode}"
+    lines = [f"python benchmarks/wide.py {asked}: {len(shared)} drawn recordings, seeds {_ranges(shared)}"]
     lines += [f"{label}: commit {', '.join(sorted({c.get('commit') or '?' for c in cases}))}"
               for label, cases in found.items()]  # fmt: skip
     lines += ["", f"{'':44s}" + "".join(f"{label:>24s}" for label in labels)]
