@@ -252,8 +252,8 @@ def dashboard(folder: Path, d: Diagnosis, figures: list[Path]) -> None:
 
 
 def split(recording: Recording, data: Config) -> tuple[Recording, Recording]:
-    """Trials to fit and to hold out: those named, else the last; the end of the only one where there is one."""
-    if len(recording.trials) == 1 and data.get("held_out") in (None, []):
+    """Trials to fit and to hold out: as named, none for an empty list; else the last, or the end of the only one."""
+    if len(recording.trials) == 1 and data.get("held_out") is None:
         (trial,) = recording.trials
         first = int(len(trial.t) * (1 - LAST))
         parts = []

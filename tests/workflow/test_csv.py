@@ -6,8 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.errors import UserError
 from frictionpinn.workflow.build import build_system
+from frictionpinn.workflow.diagnose import split
 from frictionpinn.workflow.experiment import build_data
 
 
@@ -106,3 +108,12 @@ def test_noise_is_not_added_to_a_measurement_unless_asked_for(contact, csv):
     _, noisy = contact(csv(), "noise=gaussian")
     assert np.abs(noisy["v_slip"] - plain["v_slip"]).max() > 0
     assert contact(csv())[0].recording.checksum == contact(csv(), "noise=gaussian")[0].recording.checksum
+
+
+def test_a_diagnosis_of_one_trial_holds_out_its_end_unless_told_to_hold_out_nothing():
+    t = np.arange(100) / 100
+    recording = Recording((Trial("run", t, {"x": t}),), {"x": "m"})
+    fitted, held_out = split(recording, {"held_out": None})
+    assert fitted.names == ["run (start)"] and held_out.names == ["run (end)"]
+    fitted, held_out = split(recording, {"held_out": []})
+    assert fitted.names == ["run"] and not held_out.trials
