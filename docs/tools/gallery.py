@@ -22,7 +22,7 @@ from frictionpinn.evaluate.style import INK
 from frictionpinn.physics import EFFECTS, Effect
 from frictionpinn.physics.base import CONTACT, SESSION, TIME, TRIAL
 from frictionpinn.physics.friction import CONTACT_LAWS
-from frictionpinn.physics.mechanism import FRICTION, Mechanism
+from frictionpinn.physics.mechanism import REQUIRED, Mechanism
 from frictionpinn.show import readable_unit
 
 CHANGE = 0.1  # of what is measured, rms: the strength of a shown effect
@@ -282,7 +282,7 @@ def written(symbol: sp.Symbol) -> str:
 def _names(mechanism: Mechanism) -> dict[sp.Symbol, sp.Expr]:
     """Symbols of the equations -> as a reader knows them: signals by their names, the contact in short."""
     names = {TIME: sp.Symbol("t"), SESSION: sp.Symbol("t_session"), TRIAL: sp.Symbol("trial"),
-             CONTACT.s: sp.Symbol("s"), CONTACT.a: sp.Symbol("a"), FRICTION: sp.Symbol("F"), **SHORT}  # fmt: skip
+             CONTACT.s: sp.Symbol("s"), CONTACT.a: sp.Symbol("a"), REQUIRED: sp.Symbol("F"), **SHORT}  # fmt: skip
     for coordinate in mechanism.system.moving:
         names |= {symbol: sp.Symbol(name) for symbol, name in zip(coordinate.symbols, coordinate.signals, strict=True)}
     return names | {item.symbol: sp.Symbol(item.name) for item in mechanism.system.inputs}
