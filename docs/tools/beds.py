@@ -112,7 +112,7 @@ def predicted_less(
     found = []
     for trial in recording.trials:
         run = simulator(mechanism).simulate(trial.t, inputs(mechanism, trial.signals), values)
-        found.append((run.F if mechanism.system.massless else run.signals[shown]) - trial.signals[shown])
+        found.append(run.signals[shown] - trial.signals[shown])
     return found
 
 
