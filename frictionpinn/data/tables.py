@@ -20,6 +20,10 @@ TEXT_ENDINGS = (".csv", ".csv.gz", ".txt", ".txt.gz", ".tsv")
 ENDINGS = (*TEXT_ENDINGS, ".parquet", ".mat", ".npz")
 
 _INDEXED = re.compile(r"^(?P<name>.+?)\[\s*(?P<column>:\s*,\s*)?(?P<index>\d+)\s*(?:,\s*:\s*)?\]$")
+_DELIMITERS = ("\t", ";", ",", " ")  # the comma comes last but one because it can also mark decimals
+_NUMBER = re.compile(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?")
+_ROW = re.compile(r"(?=.*\d)[-+\d.,;eE\s]+")  # of numbers, whatever is between them
+_MARK = re.compile(r"^\s*#+ *(?=[^\W\d])")  # of a comment, before a name: a column may itself be called #
 
 
 @dataclass(frozen=True)
@@ -157,18 +161,17 @@ def _load_text(path: Path, delimiter: str | None, decimal: str | None, labels: s
         if not lines:
             raise _empty(path)
         try:
-            sep = delimiter or _sniff_delimiter(lines)
-            header = _header(lines[0], sep)
+            above, line, sep = _top(lines, delimiter)
+            header = _header(line, sep)
             named = [k for k, name in enumerate(header) if name == labels]
-            if _headless(lines[0], sep):
-                text.again(lines[0])
+            text.skip(above if _headless(line, sep) else above + 1)
             with warnings.catch_warnings():
                 warnings.simplefilter("error", pd.errors.ParserWarning)
                 warnings.simplefilter("ignore", pd.errors.DtypeWarning)  # text among numbers: told with its row
                 frame = pd.read_csv(
                     text,
                     sep=r"\s+" if sep == " " else sep,
-                    decimal=decimal or _sniff_decimal(lines[1:], sep),
+                    decimal=decimal or _sniff_decimal(lines[above + 1 :], sep),
                     dtype=dict.fromkeys(named, str),
                     header=None,
                     names=list(range(len(header))),
@@ -195,6 +198,25 @@ def _no_table(path: Path, error: Exception) -> UserError:
     )
 
 
+def _top(lines: list[str], delimiter: str | None) -> tuple[int, str, str]:
+    """How many lines stand above the header, the header, and the delimiter.
+
+    Loggers write above it who they are, with a # or without: it is the first line of names that has as many fields as
+    the rows below it. Where none has, it is the first line without a #.
+    """
+    marked = next((k for k, line in enumerate(lines) if not line.lstrip().startswith("#")), 0)
+    for k, line in enumerate(lines[:-1]):
+        if k >= marked and _ROW.fullmatch(line):
+            break
+        text = _MARK.sub("", line)
+        for sep in [delimiter] if delimiter else _DELIMITERS:
+            fields = _fields(text, sep)
+            alike = all(len(_fields(row, sep)) == len(fields) for row in lines[k + 1 : k + 20])
+            if alike and len(fields) > 1 and not any(_NUMBER.fullmatch(name.strip()) for name in fields):
+                return k, text, sep
+    return marked, lines[marked], delimiter or _sniff_delimiter(lines[marked:])
+
+
 def _header(line: str, sep: str) -> list[str]:
     """Names of the columns; c1, c2, ... where the first row holds numbers already."""
     header = [name.strip() for name in _fields(line, sep)]
@@ -202,8 +224,7 @@ def _header(line: str, sep: str) -> list[str]:
 
 
 def _headless(line: str, sep: str) -> bool:
-    number = re.compile(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?")
-    return all(number.fullmatch(name.strip()) for name in _fields(line, sep))
+    return all(_NUMBER.fullmatch(name.strip()) for name in _fields(line, sep))
 
 
 def _fields(line: str, sep: str) -> list[str]:
@@ -212,8 +233,7 @@ def _fields(line: str, sep: str) -> list[str]:
 
 def _sniff_delimiter(lines: list[str]) -> str:
     """Return the delimiter that splits the header and the first rows into equally many fields."""
-    # The comma comes last but one because it can also mark decimals.
-    candidates = [sep for sep in ("\t", ";", ",", " ") if len(_fields(lines[0], sep)) > 1]
+    candidates = [sep for sep in _DELIMITERS if len(_fields(lines[0], sep)) > 1]
     for sep in candidates:
         count = len(_fields(lines[0], sep))
         if all(len(_fields(line, sep)) == count for line in lines[1:20]):
@@ -271,6 +291,7 @@ def columns_of(path: str | Path, delimiter: str | None = None) -> list[str]:
     if not lines:
         raise _empty(file)
     try:
-        return _header(lines[0], delimiter or _sniff_delimiter(lines))
+        _, line, sep = _top(lines, delimiter)
+        return _header(line, sep)
     except csv.Error as error:
         raise _no_table(file, error) from error

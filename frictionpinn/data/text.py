@@ -19,7 +19,7 @@ _BLANK = re.compile(r"(?m)^[^\S\n]*\n")
 
 
 class Lines(io.TextIOBase):
-    """The lines of a text without its blank ones and, once :meth:`head` was called, without the first.
+    """The lines of a text without its blank ones.
 
     A file of ten million rows is larger than the memory that its numbers need, so it is never held whole.
     """
@@ -28,17 +28,17 @@ class Lines(io.TextIOBase):
         self._text, self._ready = text, ""
 
     def head(self, count: int) -> list[str]:
-        """The first lines that are not blank, as many as there are; reading goes on after the first of them."""
+        """The first lines that are not blank, as many as there are; they are still to be read."""
         lines: list[str] = []
         while len(lines) < count and (line := self._text.readline()):
             if line.strip():
                 lines.append(line.removesuffix("\n"))
-        self._ready = "".join(f"{line}\n" for line in lines[1:])
+        self._ready = "".join(f"{line}\n" for line in lines)
         return lines
 
-    def again(self, line: str) -> None:
-        """Read a line once more: the first one, where it holds numbers."""
-        self._ready = f"{line}\n{self._ready}"
+    def skip(self, count: int) -> None:
+        """Leave out the first lines of :meth:`head`."""
+        self._ready = self._ready.split("\n", count)[count]
 
     def readable(self) -> bool:
         return True

@@ -269,6 +269,37 @@ def test_names_of_trials_are_those_of_the_file_and_whole_numbers_however_written
     assert read(path, trial_column="lap").names == names
 
 
+@pytest.mark.parametrize(
+    ("above", "sep"),
+    [
+        ("# t,x,force\n", ","),
+        ("# t x force\n", " "),
+        ("# logger v1.0\n# 3 channels\n# t,x,force\n", ","),
+        ("# logger v1.0\nt,x,force\n", ","),
+        ("Logger: ACME\n\nt,x,force\n", ","),
+        ("Logger;ACME\nRate;100\nt;x;force\n", ";"),
+        ("#,t,x,force\n", ","),
+    ],
+)
+def test_what_stands_above_the_header_is_not_taken_for_it(tmp_path, above, sep):
+    data, path = table(), tmp_path / "a.txt"
+    counter = [str(k) for k in range(20)] if above.startswith("#,") else None
+    rows = zip(*([counter] if counter else []), *(map(repr, values.tolist()) for values in data.values()), strict=True)
+    path.write_text(above + "\n".join(sep.join(row) for row in rows))
+    names = ["t", "x", "force"]
+    assert columns_of(path) == [*(["#"] if counter else []), *names]
+    assert columns_of(path, sep)[-3:] == names
+    (trial,) = read(path, {name: name for name in names}).trials
+    np.testing.assert_array_equal(trial.t, data["t"])
+    np.testing.assert_array_equal(trial.signals["force"], data["force"])
+
+
+def test_a_comment_above_numbers_without_a_header_names_none_of_them(tmp_path):
+    np.savetxt(tmp_path / "a.txt", np.transpose([*table().values()]), header="logger v1.0")
+    assert columns_of(tmp_path / "a.txt") == ["c1", "c2", "c3"]
+    assert len(read(tmp_path / "a.txt", {"t": "c1", "x": "c2"})) == 20
+
+
 # ---- properties of the text reader
 
 finite = st.floats(allow_nan=False, allow_infinity=False, width=64).map(lambda value: value + 0.0)
