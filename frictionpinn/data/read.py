@@ -15,6 +15,7 @@ import numpy as np
 
 from frictionpinn.data.check import check_recording, check_trial
 from frictionpinn.data.clock import mended
+from frictionpinn.data.dates import since_first
 from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.data.tables import ENDINGS, Table, ending, load_table, numbers
 from frictionpinn.data.units import DIMENSIONLESS, to_si
@@ -42,10 +43,10 @@ def read_recording(
     Args:
         paths: a file, a folder, a glob pattern, or a list of these. Formats: .csv, .txt, .tsv (also .gz), .parquet,
             .mat (all versions), .npz. Without ``trial_column`` each file is one trial, named by its stem.
-        columns: signal name -> column or variable of the file; ``"t"`` is required. ``"var[0]"`` is a row and
-            ``"var[:, 0]"`` a column of a two-dimensional variable, counted from 0. A number stands for a signal
-            that has this value throughout. ``"start"`` is no signal: its value in the first row of a trial is when in
-            the session that began (see :class:`Recording` for recordings without it).
+        columns: signal name -> column or variable of the file; ``"t"`` is required, numbers or dates. ``"var[0]"`` is
+            a row and ``"var[:, 0]"`` a column of a two-dimensional variable, counted from 0. A number stands for a
+            signal that has this value throughout. ``"start"`` is no signal: its value in the first row of a
+            trial is when in the session that began (see :class:`Recording` for recordings without it).
         units: signal name -> unit of its column ("mm/s"); ``"default": "SI"`` covers the signals not named.
         signal_units: signal name -> SI unit that the signal wants; "" for dimensionless, which needs no unit.
         trial_column: column whose values name the trials.
@@ -73,7 +74,7 @@ def read_recording(
         trials += _trials(table, columns, units, signal_units, gains, trial_column)
     where = str(files[0]) if len(files) == 1 else f"{files[0]} and {len(files) - 1} more"
     read = [name for name, column in columns.items() if name not in _CLOCKS and isinstance(column, str)]
-    if "start" in columns:
+    if any(trial.start is not None for trial in trials):
         trials = _from_first(trials, where)
     recording = Recording(
         trials=tuple(trials),
@@ -208,11 +209,18 @@ def _trials(
     wanted = {**dict.fromkeys(_CLOCKS, "s"), **signal_units}
     labels = {name: str(column) for name, column in columns.items()}
     data: dict[str, np.ndarray] = {}
+    began: float | None = None  # of dates: they tell the pauses between files, too
     for name in ["t", *(name for name in columns if name != "t")]:
-        raw = _raw(table, name, columns[name], len(data["t"]) if data else None)
-        unit = _unit(name, units, wanted[name])
+        raw, first = _raw(table, name, columns[name], len(data["t"]) if data else None)
+        unit = _unit(name, units, wanted[name]) if first is None else "s"
         data[name] = to_si(raw * float(gains.get(name, 1.0)), unit, wanted[name], f"units.{name}")
+        if first and name == "start":
+            data[name] += first
+        elif first:
+            began = first
     t, starts = data.pop("t"), data.pop("start", None)
+    if starts is None and began is not None:
+        starts = began + t
     angles = [name for name in data if wanted[name] == "rad"]
     split = "give trial_column, or split the file" if trial_column is None else f"check the values of '{trial_column}'"
     trials = []
@@ -235,26 +243,29 @@ def _from_first(trials: list[Trial], where: str) -> list[Trial]:
     return [replace(trial, start=start - min(starts)) for trial, start in zip(trials, starts, strict=True)]
 
 
-def _raw(table: Table, name: str, column: str | float, length: int | None) -> np.ndarray:
-    """Return a signal's column as numbers, before gain and unit."""
+def _raw(table: Table, name: str, column: str | float, length: int | None) -> tuple[np.ndarray, float | None]:
+    """A signal's column as numbers, before gain and unit; of dates s from the first, and when that was, else None."""
     if not isinstance(column, str):
         if isinstance(column, bool) or not isinstance(column, int | float) or length is None:
             raise UserError(
                 "no column", where=f"columns.{name}", received=repr(column), allowed="the name of a column, in quotes"
             )
-        return np.full(length, float(column))
-    values = numbers(table.pick(column, f"columns.{name}"), f"{table.path}, column '{column}'")
+        return np.full(length, float(column)), None
+    picked, where = table.pick(column, f"columns.{name}"), f"{table.path}, column '{column}'"
+    dated = since_first(picked) if name in _CLOCKS else None
+    fix = "write times as numbers, or as dates such as 2026-05-01T12:00:00.25" if name in _CLOCKS else ""
+    values, first = dated or (numbers(picked, where, fix), None)
     if length is not None and len(values) != length:
         raise UserError(
             "columns of different length",
-            where=f"{table.path}, column '{column}'",
+            where=where,
             received=f"{len(values)} long",
             allowed=f"{length}, as time",
             fix="check which variables belong together",
         )
     if not len(values):
         raise UserError("empty file", where=str(table.path), received="without data rows", allowed="at least 10 rows")
-    return values
+    return values, first
 
 
 def _groups(table: Table, trial_column: str | None, length: int) -> list[tuple[str, np.ndarray]]:

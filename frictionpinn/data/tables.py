@@ -79,10 +79,12 @@ class Table:
         )
 
 
-def numbers(values: np.ndarray, where: str) -> np.ndarray:
+def numbers(values: np.ndarray, where: str, fix: str = "") -> np.ndarray:
     """Return a column as float64, shape (n,); :class:`UserError` with the first row that is not a number."""
     if values.dtype.kind in "fiub":
         return values.astype(float)
+    if values.dtype.kind in "mM":  # as integers they would pass for numbers
+        values = values.astype(str)
     out = np.empty(len(values))
     for row, value in enumerate(values, start=1):
         try:
@@ -93,7 +95,8 @@ def numbers(values: np.ndarray, where: str) -> np.ndarray:
                 where=f"{where}, data row {row}",
                 received=repr(str(value))[:60],
                 allowed="numbers",
-                fix="remove rows of text (such as units), or say 'data.decimal=\",\"' where commas mark decimals",
+                fix=fix
+                or "remove rows of text (such as units), or say 'data.decimal=\",\"' where commas mark decimals",
             ) from None
     return out
 
@@ -266,11 +269,11 @@ def _load_mat(path: Path) -> Table:
 
 
 def _from_variables(path: Path, variables: dict[str, Any]) -> Table:
-    """Keep what can be a column: arrays of numbers or text with up to two dimensions."""
+    """Keep what can be a column: arrays of numbers, text or dates with up to two dimensions."""
     kept = {
         name if isinstance(name, str) else name.decode("latin-1"): value  # bytes: not of UTF-8, as HDF5 asks
         for name, value in variables.items()
-        if isinstance(value, np.ndarray) and value.dtype.kind in "fiubU" and value.ndim <= 2
+        if isinstance(value, np.ndarray) and value.dtype.kind in "fiubUmM" and value.ndim <= 2
     }
     return Table(path, list(kept), list(kept.values()))
 

@@ -146,6 +146,44 @@ def test_only_dimensionless_signals_go_without_a_unit(tmp_path):
     refused(r"missing unit: units\.x; allowed: .*convertible to m; add 'units\.x: m'", path, COLUMNS, {"t": "s"})
 
 
+@pytest.mark.parametrize("name", ["a.csv", "a.parquet", "text.parquet", "zone.parquet", "a.npz"])
+def test_dates_are_seconds_from_the_first_whatever_unit_the_others_have(tmp_path, name):
+    data, first = table(), np.datetime64("2026-05-01T12:00:00.25", "ns")
+    dates = first + np.round(1e9 * data["t"]).astype("timedelta64[ns]")
+    frame = pd.DataFrame(data | {"t": dates})
+    if name == "zone.parquet":
+        frame["t"] = frame.t.dt.tz_localize("Europe/Berlin")
+    if name == "text.parquet":
+        frame["t"] = frame.t.map(pd.Timestamp.isoformat)
+    path = tmp_path / name
+    np.savez(path, **data | {"t": dates}) if name == "a.npz" else (
+        frame.to_csv(path, index=False) if name == "a.csv" else frame.to_parquet(path)
+    )
+    trial = read(path, COLUMNS, {"x": "m"}).trials[0]
+    np.testing.assert_allclose(trial.t, data["t"], rtol=0, atol=1e-12)
+
+
+def test_durations_are_seconds(tmp_path):
+    frame = pd.DataFrame(table())
+    frame.assign(t=pd.to_timedelta(frame.t, unit="s")).to_parquet(tmp_path / "a.parquet")
+    np.testing.assert_allclose(read(tmp_path / "a.parquet").trials[0].t, frame.t, rtol=0, atol=1e-9)
+
+
+def test_dates_tell_the_pause_between_files(tmp_path):
+    for name, hour in (("a", 12), ("b", 13)):
+        t = pd.Timestamp(f"2026-05-01 {hour}:00") + pd.to_timedelta(table()["t"], unit="s")
+        write_csv(tmp_path / f"{name}.csv", table() | {"t": t})
+    assert [trial.start for trial in read(tmp_path).trials] == [0.0, 3600.0]
+
+
+def test_dates_where_a_number_belongs_are_no_numbers(tmp_path):
+    dates = pd.date_range("2026-05-01", periods=20, freq="s")
+    pd.DataFrame(table() | {"x": dates}).to_parquet(tmp_path / "a.parquet")
+    refused("not a number: .*column 'x', data row 1 is '2026-05-01", tmp_path / "a.parquet")
+    path = write_csv(tmp_path / "a.csv", table() | {"t": [f"12:00:{k}" for k in range(20)]})
+    refused("not a number: .*is '12:00:0'; .*write times as numbers, or as dates such as", path)
+
+
 # ---- mistakes
 
 
