@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +15,36 @@ _SPARSE, _CHAR, _NUMERIC = 5, 4, range(6, 16)
 
 
 def load_mat(path: Path) -> dict[str, Any]:
-    """Return the variables of a MAT file; raises errors of many kinds where the file is damaged."""
+    """The variables of a MAT file, of a struct its fields, ``"log.t"``; errors of many kinds where it is damaged."""
     import h5py
 
     if h5py.is_hdf5(path):
         with h5py.File(path) as file:
-            # MATLAB stores arrays column by column, so that they arrive transposed.
-            return {name: np.asarray(item).T for name, item in file.items() if isinstance(item, h5py.Dataset)}
+            variables: dict[str, Any] = {}
+
+            def keep(name: str | bytes, item: Any) -> None:
+                name = name if isinstance(name, str) else name.decode("latin-1")  # bytes: not of UTF-8, as HDF5 asks
+                if isinstance(item, h5py.Dataset) and not name.startswith("#"):  # #refs# holds what cells point to
+                    # MATLAB stores arrays column by column, so that they arrive transposed.
+                    variables[name.replace("/", ".")] = np.asarray(item).T
+
+            file.visititems(keep)
+            return variables
     from scipy.io import loadmat
 
     raw = path.read_bytes()
     if raw[126:128] in (b"IM", b"MI"):
         _check_elements(raw, 128, len(raw), "<" if raw[126:128] == b"IM" else ">", frozenset({_MATRIX, _COMPRESSED}))
-    return loadmat(path)
+    return {name: value for key, item in loadmat(path).items() for name, value in _fields(key, item)}
+
+
+def _fields(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """A variable by its name, or the fields of a struct, and of those within it."""
+    if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
+        for field in value.dtype.names:
+            yield from _fields(f"{name}.{field}", value[field].item())
+    else:
+        yield name, value
 
 
 def _check_elements(raw: bytes, start: int, end: int, order: str, types: frozenset[int] = _TYPES) -> int:

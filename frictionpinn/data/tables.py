@@ -271,10 +271,14 @@ def _load_mat(path: Path) -> Table:
 def _from_variables(path: Path, variables: dict[str, Any]) -> Table:
     """Keep what can be a column: arrays of numbers, text or dates with up to two dimensions."""
     kept = {
-        name if isinstance(name, str) else name.decode("latin-1"): value  # bytes: not of UTF-8, as HDF5 asks
+        name: value
         for name, value in variables.items()
         if isinstance(value, np.ndarray) and value.dtype.kind in "fiubUmM" and value.ndim <= 2
     }
+    if not kept:
+        held = ", ".join(f"{name} of shape {np.shape(value)}" for name, value in variables.items() if name[:2] != "__")
+        raise UserError("no columns", where=str(path), received=held or "empty",
+                        allowed="arrays of numbers, or a struct of them", fix="save each column so")  # fmt: skip
     return Table(path, list(kept), list(kept.values()))
 
 

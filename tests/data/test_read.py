@@ -85,6 +85,26 @@ def test_a_row_or_a_column_of_a_matrix_is_a_signal(tmp_path, column, expected):
     np.testing.assert_array_equal(trial.signals["x"], data[expected])
 
 
+@pytest.mark.parametrize("name", ["a.mat", "a73.mat"])
+def test_the_fields_of_a_struct_are_columns(tmp_path, name):
+    data, path = table(), tmp_path / name
+    if name == "a.mat":
+        scipy.io.savemat(path, {"log": {"t": data["t"], "raw": {"x": data["x"]}}})
+    else:
+        write_hdf5_mat(path, {"log/t": data["t"], "log/raw/x": data["x"], "#refs#/a": data["x"]})
+    assert columns_of(path) == (["log.t", "log.raw.x"] if name == "a.mat" else ["log.raw.x", "log.t"])
+    trial = read(path, {"t": "log.t", "x": "log.raw.x"}).trials[0]
+    np.testing.assert_array_equal(trial.signals["x"], data["x"])
+
+
+def test_a_file_without_arrays_of_numbers_says_what_it_holds(tmp_path):
+    laps = np.array([(1, 2), (3, 4)], dtype=[("t", "O"), ("x", "O")])
+    scipy.io.savemat(tmp_path / "a.mat", {"laps": laps})
+    refused(r"no columns: .*a\.mat is laps of shape \(1, 2\); allowed: arrays of", tmp_path / "a.mat")
+    with pytest.raises(UserError, match="no columns"):
+        columns_of(tmp_path / "a.mat")
+
+
 def test_a_whole_matrix_or_a_row_that_it_lacks_is_refused(tmp_path):
     np.savez(tmp_path / "m.npz", t=np.arange(20.0), y=np.ones((2, 20)))
     for column in ("y", "y[2]"):
