@@ -23,6 +23,9 @@ _INDEXED = re.compile(r"^(?P<name>.+?)\[\s*(?P<column>:\s*,\s*)?(?P<index>\d+)\s
 _DELIMITERS = ("\t", ";", ",", " ")  # the comma comes last but one because it can also mark decimals
 _NUMBER = re.compile(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?")
 _ROW = re.compile(r"(?=.*\d)[-+\d.,;eE\s]+")  # of numbers, whatever is between them
+# Written for no number; a trial may be called so.
+_MISSING = ("", "NA", "N/A", "n/a", "#N/A", "#NA", "<NA>", "NaN", "nan", "-NaN", "-nan", "NULL", "null", "None",
+            "1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND")  # fmt: skip
 _MARK = re.compile(r"^\s*#+ *(?=[^\W\d])")  # of a comment, before a name: a column may itself be called #
 
 
@@ -176,6 +179,8 @@ def _load_text(path: Path, delimiter: str | None, decimal: str | None, labels: s
                     sep=r"\s+" if sep == " " else sep,
                     decimal=decimal or _sniff_decimal(lines[above + 1 :], sep),
                     dtype=dict.fromkeys(named, str),
+                    keep_default_na=False,
+                    na_values={k: "" if k in named else _MISSING for k in range(len(header))},
                     header=None,
                     names=list(range(len(header))),
                     index_col=False,

@@ -317,6 +317,7 @@ def test_two_files_of_one_name_are_refused(tmp_path):
         (["001", "010"], ["001", "010"]),
         (["1_2", "1_3"], ["1_2", "1_3"]),
         (["1.50", "run 2"], ["1.50", "run 2"]),
+        (["NA", "nan"], ["NA", "nan"]),
     ],
 )
 def test_names_of_trials_are_those_of_the_file_and_whole_numbers_however_written(tmp_path, written, names):
