@@ -76,7 +76,7 @@ def _clipped(
     what = f"{name} stays at its very end, {' and '.join(ends)}"
     if command:
         return [Finding(f"{what}: saturated, or commanded so", "check the sensor's range if it was measured")]
-    return [Finding(f"{what}: clipped", "record with a larger range, or leave the column out", grave=True)]
+    return [Finding(f"{what}: clipped", "record with a larger range, or leave the column out", True, spoilt=name)]
 
 
 def _held(at: np.ndarray) -> np.ndarray:

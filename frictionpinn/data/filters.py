@@ -6,8 +6,8 @@ jump between two samples does no harm.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -34,6 +34,10 @@ class Sampled:
     def span(self) -> float:
         """Its length, s."""
         return self.dt * len(next(iter(self.signals.values())))
+
+    def without(self, names: Collection[str]) -> Sampled:
+        """It without some of its signals."""
+        return replace(self, signals={name: values for name, values in self.signals.items() if name not in names})
 
 
 def sampled(recording: Recording, names: Sequence[str]) -> tuple[list[Sampled], dict[str, float]]:

@@ -29,11 +29,13 @@ class Finding:
         what: what was found, where, with its figures.
         fix: what to do.
         grave: no answer from this recording has a sense before it is mended; else the answer may be a poor one.
+        spoilt: signal that is not to be compared with others: what that would find follows from this.
     """
 
     what: str
     fix: str = ""
     grave: bool = False
+    spoilt: str = ""
 
     def __str__(self) -> str:
         return "; ".join(filter(None, [self.what, self.fix]))

@@ -40,6 +40,9 @@ def inspect(recording: Recording, system: System, inertia_free: bool = False) ->
     still = slip_findings(system, trials, sigmas)
     findings += still or (dead := dead_findings(system, trials))
     if not still and not dead:
+        spoilt = {f.spoilt for f in findings}
+        trials = [t for t in (t.without(spoilt) for t in trials) if t.signals]
+        sigmas = {name: sigma for name, sigma in sigmas.items() if name not in spoilt}
         balance = not any(f.grave for f in findings)
         found = _together(system, trials, sigmas, balance, inertia_free)
         findings += _one_by_one(system, trials, balance, inertia_free, {f.what for f in found}) or found

@@ -186,6 +186,22 @@ def test_a_sign_is_told_to_be_turned_only_where_it_is(factor, said):
     assert said in str(told) and ("data.gains={a: -1}" in str(told)) == (factor < 0)
 
 
+@pytest.mark.parametrize("signal", ["x", "v", "a"])
+def test_what_follows_from_a_clipped_signal_is_not_told_beside_it(signal):
+    def clipped(trial: Trial, factor: float) -> Trial:
+        values = trial.signals[signal]
+        low, high = np.quantile(values, [0.15, 0.85])
+        turned = {"v": factor * trial.signals["v"]} if signal == "x" else {}
+        return trial.with_signals(**{signal: np.clip(values, low, high)} | turned)
+
+    for factor in (1.0, -1.0):
+        trials = tuple(clipped(t, factor) for t in drive_log().trials)
+        told = [str(f) for f in inspect(Recording(trials, {}), SYSTEMS["drive"](M=2.0))]
+        assert signal in told[0] and "clipped" in told[0]
+        turned = signal == "x" and factor < 0  # another fault is still told
+        assert len(told) == 1 + turned and ("sign" in told[-1]) == turned, told
+
+
 def test_a_trial_that_the_equation_explains_worse_than_the_others_is_named():
     recording = drive_log()
     first, second, third = recording.trials
