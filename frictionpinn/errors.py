@@ -52,6 +52,11 @@ def unwritable(error: OSError, place: object, fix: str) -> UserError:
     """
     if error.errno not in DISK:
         raise error
+    return unwritten(error, place, fix)
+
+
+def unwritten(error: OSError, place: object, fix: str) -> UserError:
+    """The user's error where a file or folder of a given name cannot be written, whatever the system says of it."""
     where = str(error.filename or place)
     return UserError("cannot write", where=where, received=error.strerror or str(error), fix=fix)
 

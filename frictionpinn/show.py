@@ -14,7 +14,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from .errors import choose, unwritable
+from .errors import choose, unwritten
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -201,7 +201,7 @@ def folder_at(place: str | Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise unwritable(error, folder, "name another folder") from error
+        raise unwritten(error, folder, "name another folder") from error
     return folder
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..control import Compensator
 from ..control.build import NOTHING, build_compensator
-from ..errors import UserError, unwritable
+from ..errors import UserError, unwritten
 from ..export.compensator import write_compensator_c
 from ..identify.result import Estimate
 from ..physics import extensions
@@ -104,7 +104,7 @@ def compensate(
             Path(folder).mkdir(parents=True, exist_ok=True)
             write_compensator_c(Path(folder), made)
         except OSError as error:
-            raise unwritable(error, folder, "name another folder") from error
+            raise unwritten(error, folder, "name another folder") from error
     return made
 
 

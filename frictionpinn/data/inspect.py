@@ -27,6 +27,8 @@ def inspect(recording: Recording, system: System, inertia_free: bool = False) ->
         The findings: single channels, whether derivatives are the derivatives of their signals, and, where these hold,
         whether forces and motion balance.
     """
+    if not recording.trials:
+        return [Finding("the recording has no trial", "select some of its trials", grave=True)]
     for trial in recording.trials:  # files were checked as they were read; others may come from anywhere
         try:
             check_trial(trial, recording.source or "recording")
@@ -34,9 +36,9 @@ def inspect(recording: Recording, system: System, inertia_free: bool = False) ->
             return [Finding(str(error), grave=True)]
     names = [name for name in system.signal_units if name != "t"]
     trials, sigmas = sampled(recording, names)
-    if not trials:
-        return []
     findings = channel_findings(system, recording, trials)
+    if not trials:
+        return findings
     still = slip_findings(system, trials, sigmas)
     findings += still or (dead := dead_findings(system, trials))
     if not still and not dead:

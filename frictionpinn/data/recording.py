@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import UserError, nearest, unwritable
+from ..errors import UserError, nearest, unwritten
 from ..numerics.session import Session
 from ..show import Shown, Table, folder_at, readable_unit
 
@@ -214,20 +214,22 @@ class Recording(Shown):
             path: ending in .csv or .parquet.
 
         Raises:
-            UserError: another ending, or a place that cannot be written.
+            UserError: no trials, another ending, or a place that cannot be written.
         """
         import pandas as pd
 
         path = Path(path)
         if path.suffix not in (".csv", ".parquet"):
             raise UserError("unknown file format", where="path", received=str(path), allowed=".csv, .parquet")
+        if not self.trials:
+            raise UserError("nothing to save", where="save", received="a recording without trials")
         parts = [{"trial": trial.name, "start": trial.start, "t": trial.t, **trial.signals} for trial in self.trials]
         table = pd.concat([pd.DataFrame(part) for part in parts], ignore_index=True)
         folder_at(path.parent)
         try:
             table.to_csv(path, index=False) if path.suffix == ".csv" else table.to_parquet(path, index=False)
         except OSError as error:
-            raise unwritable(error, path, "name another file") from error
+            raise unwritten(error, path, "name another file") from error
         return path
 
 

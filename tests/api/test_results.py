@@ -11,6 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import frictionpinn as fp
+from frictionpinn.errors import UserError
 from frictionpinn.identify import Estimate
 from frictionpinn.report.words import span
 from frictionpinn.show import estimated, interval
@@ -158,6 +159,24 @@ def test_a_saved_recording_is_read_back_as_it_was(model, log, tmp_path, ending):
     for old, new in zip(log.trials, again.trials, strict=True):
         assert (new.start, new.number) == (old.start, old.number) and np.array_equal(new.t, old.t)
         assert all(np.array_equal(new.signals[name], old.signals[name]) for name in old.signals)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_what_cannot_be_saved_is_told_in_a_line(log, tmp_path, ending):
+    with pytest.raises(UserError, match="nothing to save"):
+        log.select([]).save(tmp_path / f"log{ending}")
+    with pytest.raises(UserError, match=r"cannot write: .*name another file"):
+        log.save(tmp_path / f"{300 * 'x'}{ending}")
+    with pytest.raises(UserError, match=r"cannot write: .*name another folder"):
+        log.save(tmp_path / (300 * "x") / f"log{ending}")
+
+
+def test_a_recording_of_nothing_is_told_by_the_check(model, log):
+    (told,) = fp.check(log.select([]), model.system).findings
+    assert told.startswith("wrong: the recording has no trial")
+    bare = replace(log, trials=tuple(replace(trial, signals={}) for trial in log.trials))
+    (told,) = fp.check(bare, model.system).findings
+    assert told.startswith("wrong: nothing of x was recorded")
 
 
 def test_a_fit_that_fails_to_tell_shows_so_and_not_nan(results):
