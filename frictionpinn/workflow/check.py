@@ -23,6 +23,9 @@ def check(cfg: Config) -> list[Finding]:
         from . import robot
 
         return robot.check(cfg)
+    if cfg["smoothing"]["name"] != "none":
+        raise UserError("the check does not smooth: it looks at the recording as it is", where="smoothing",
+                        received=cfg["smoothing"]["name"], allowed="none", fix="leave smoothing= out")  # fmt: skip
     check_pairing(cfg)
     system = build_system(cfg["system"])
     recording = build_noise(cfg["noise"])(build_recording(cfg["data"], system), seed_of(cfg))

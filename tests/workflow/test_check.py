@@ -191,6 +191,11 @@ def test_a_file_without_a_header_is_read_by_the_places_of_its_columns(tmp_path):
     assert len(recording) == 300 and "ignored: c2" in recording.notes[0]
 
 
+def test_the_check_refuses_a_smoothing_that_it_would_not_read():
+    with pytest.raises(UserError, match=r"the check does not smooth: .*smoothing is savgol; .*leave smoothing= out"):
+        check(default_config(["smoothing=savgol", f"data.path={SAMPLE}"], "check"))
+
+
 def test_brackets_in_a_path_are_told_to_be_quoted():
     with pytest.raises(UserError, match=r"is data.path=run\[1\].csv; quote it: .data.path='run\[1\].csv'"):
         cli.check_command_line(ROOT / "conf", "check", ["data.path=run[1].csv"])
