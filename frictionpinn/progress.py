@@ -17,11 +17,14 @@ log = logging.getLogger(__name__)
 CLEAR = "\r\x1b[K"  # the line of a terminal
 SHORT = 5.0  # s: what takes less needs no word on the rest; words in a log are as far apart at least
 LONG = 180.0  # s: whoever must wait for longer is told why, and what makes it shorter
+MANY = 10  # steps: the first is then less than a tenth of the whole
 WIDTH = 100  # of the moving line: longer ones would break and not be cleared
 
 
 class Steps:
     """Steps of a known number and about the same size: how many are done, how long the rest may take at that pace.
+
+    Of many the first does not count: what is done once for all is done with it, and the largest is begun first.
 
     Args:
         total: how many there are; with ``most`` how many at most.
@@ -32,7 +35,7 @@ class Steps:
     def __init__(self, total: int, what: str = "", *, most: bool = False):
         self.total, self.what, self.most = total, what, most
         self.done, self.began = 0, time.perf_counter()
-        self.told = self.began
+        self.told = self.first = self.began
 
     def finish(self, what: str, done: int | None = None) -> None:
         """Tell that one more is done; ``done``: how many are, where what was done can be undone."""
@@ -52,14 +55,17 @@ class Steps:
             _shown.line.show(text, rest)
         elif now - self.told > SHORT and self.done < self.total:
             self.told = now
-            log.info(f"{text}, about {in_words(rest)} left")
+            log.info(f"{text}, about {in_words(rest)} left" if rest > SHORT else text)
         if now - self.began > SHORT:
             self._why(rest)
 
     def _rest(self) -> float:
-        """One more is done: how long the others may take, s."""
-        self.done += 1
-        return (time.perf_counter() - self.began) / self.done * max(self.total - self.done, 0)
+        """One more is done: how long the others may take, s; 0 where that cannot be told yet."""
+        self.done, now = self.done + 1, time.perf_counter()
+        if self.done == 1:
+            self.first = now
+        began, done = (self.first, self.done - 1) if self.total > MANY else (self.began, self.done)
+        return (now - began) / max(done, 1) * max(self.total - self.done, 0)
 
     def _why(self, rest: float) -> None:
         if rest > LONG and _shown.shorter:

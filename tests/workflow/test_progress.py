@@ -47,6 +47,21 @@ def test_long_steps_say_where_they_are_and_what_would_make_them_shorter(caplog, 
     ]
 
 
+def test_the_first_of_many_does_not_tell_how_long_the_others_take(caplog, monkeypatch):
+    now = iter([0.0, *(t for k in range(20) for t in (100.0 + 10 * k,) * 2)])  # it compiles, or is the largest
+    monkeypatch.setattr(progress.time, "perf_counter", lambda: next(now))
+    progress.shorter("fewer samples")
+    with caplog.at_level(logging.INFO):
+        steps = Steps(20, "effects tested")
+        for _ in range(3):
+            steps.step()
+    assert caplog.messages == [
+        "effects tested: 1 of 20",
+        "effects tested: 2 of 20, about 3 min left",
+        "effects tested: 3 of 20, about 3 min left",
+    ]
+
+
 def test_short_work_says_nothing(caplog):
     with caplog.at_level(logging.INFO):
         assert in_parallel(lambda k: k * k, [1.0] * 5, "squares") == [0, 1, 4, 9, 16]
