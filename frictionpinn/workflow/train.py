@@ -244,8 +244,9 @@ def accelerator_of(cfg: Config) -> str:
 def announce(cfg: Config, data: TrajectoryData) -> str:
     """One line that says what is about to be trained on what."""
     counts = {split: sum(len(trial) for trial in data.select(split)) for split in data.splits}
+    trials = len(data.splits["train"])
     held = ", ".join(data.splits["held_out"]) or "none: errors are those of the training trials"
     return (
         f"training {cfg['model']['name']} on {data.recording.source}: {counts['train']} samples of "
-        f"{len(data.splits['train'])} trials; held out: {held}"
+        f"{trials} trial{'s' if trials > 1 else ''}; held out: {held}"
     )

@@ -11,6 +11,7 @@ from frictionpinn.errors import UserError
 from frictionpinn.workflow.build import build_system
 from frictionpinn.workflow.diagnose import split
 from frictionpinn.workflow.experiment import build_data
+from frictionpinn.workflow.train import announce
 
 
 @pytest.fixture
@@ -81,6 +82,7 @@ def test_without_a_trial_column_each_file_is_a_trial(contact, configure, measure
         table.drop(columns="trial").to_csv(tmp_path / f"{number}.csv", index=False)
     data, _ = contact(tmp_path)
     assert data.splits == {"train": ["1"], "validation": [], "held_out": ["2"]}
+    assert "samples of 1 trial; held out: 2" in announce({"model": {"name": "pe2"}}, data)
 
 
 def test_a_single_recording_trains_though_nothing_is_held_out(quick, csv, tmp_path):
