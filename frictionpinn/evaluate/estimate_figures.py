@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..show import readable_unit
 from .style import INK
 
 if TYPE_CHECKING:
@@ -50,20 +51,37 @@ def parameters_figure(
 
 
 def residuals_figure(estimate: Estimate) -> Figure:
-    """Model minus measurement over time, in multiples of the noise, for every signal of the first trials."""
+    """The fit over the measurement, a column for each of the first trials: every signal that the model predicts as it
+    was measured and as it was fitted, SI units; below, model minus measurement in multiples of the noise.
+
+    Of a search, which keeps no model, what is left alone.
+    """
+    models = {} if estimate.minimum is None else {m.trial: m for m in estimate.minimum.models}
     trials = list(estimate.residuals)[:MOST_TRIALS]
-    times = {} if estimate.minimum is None else {m.trial: m.t for m in estimate.minimum.models}
-    figure = Figure(figsize=(9, 0.9 + 1.7 * len(trials)), layout="constrained")
-    rows = figure.subplots(len(trials), 1, squeeze=False)[:, 0]
-    for axes, name in zip(rows, trials, strict=True):
-        axes.axhspan(-2, 2, color=INK["band"], label="noise, two standard deviations")
-        for signal, residual in estimate.residuals[name].items():
-            t = times.get(name, np.arange(len(residual)))
-            axes.plot(t, residual / estimate.sigmas.get(signal, 1.0), ".", ms=2.5, label=signal)
-        axes.set_title(f"trial {name}", fontsize=9)
-        axes.margins(x=0.01)
-    figure.supylabel("model minus measurement, in multiples of the noise", fontsize=9)
-    rows[-1].set_xlabel("time (s)" if times else "sample")
-    figure.legend(*rows[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False, fontsize=8,
-                  markerscale=3)  # fmt: skip
+    outputs = next(iter(models.values())).outputs if models else ()
+    units = next(iter(models.values())).simulator.mechanism.system.signal_units if models else {}
+    size = max(9, 4.2 * len(trials)), 1.6 + 1.9 * (len(outputs) + 1)
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.subplots(len(outputs) + 1, len(trials), squeeze=False, sharex="col", sharey="row")
+    for column, name in zip(grid.T, trials, strict=True):
+        residuals, model = estimate.residuals[name], models.get(name)
+        t = np.arange(len(next(iter(residuals.values())))) if model is None else model.t
+        for axes, signal, y in zip(column, outputs, () if model is None else model.y, strict=False):
+            axes.plot(t, y, ".", ms=3, color=INK["baseline"], label="measured")
+            axes.plot(t, y + residuals[signal], lw=1.2, color=INK["model"], label="fitted model")
+        column[-1].axhspan(-2, 2, color=INK["band"], label="noise, two standard deviations")
+        for k, (signal, residual) in enumerate(residuals.items()):
+            left = residual / estimate.sigmas.get(signal, 1.0)
+            column[-1].plot(t, left, ".", ms=2.5, color=f"C{k}", label=f"{signal}: what is left")
+        column[0].set_title(f"trial {name}", fontsize=9)
+        column[-1].set_xlabel("sample" if model is None else "time (s)")
+        column[-1].margins(x=0.01)
+    for axes, signal in zip(grid[:, 0], outputs, strict=False):
+        unit = readable_unit(units.get(signal, ""))
+        axes.set_ylabel(f"{signal} ({unit})" if unit else signal)
+    grid[-1, 0].set_ylabel("model minus measurement,\nin multiples of the noise", fontsize=8)
+    figure.suptitle(f"Fit over the measurement: {estimate.outcome}", fontsize=11)
+    drawn = [axes.get_legend_handles_labels() for axes in (grid[0, 0], grid[-1, 0])]
+    seen = {label: line for both in drawn for line, label in zip(*both, strict=True)}
+    figure.legend(seen.values(), seen, loc="outside lower center", ncols=4, frameon=False, fontsize=8, markerscale=3)
     return figure

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..data.findings import listed
 from ..data.recording import Recording
 from ..data.split import split_trials
 from ..errors import UserError, check_processes, choose
@@ -42,11 +43,12 @@ from .trajectories import build_trajectories, recorded_trajectories, transferred
 from .vet import vet
 
 log = logging.getLogger(__name__)
+FIT, TIMES = "fit.png", "error_against_time.png"
 TRACED = 15  # points of a search's way whose force error is computed
 
 
 def identify(cfg: Config, folder: Path) -> dict[str, Any]:
-    """Estimate the parameters by every method and seed; write ``result.json`` and a figure, print the table.
+    """Estimate the parameters by every method and seed; write ``result.json`` and figures, print the table.
 
     Args:
         cfg: resolved conf/identify.yaml.
@@ -59,18 +61,33 @@ def identify(cfg: Config, folder: Path) -> dict[str, Any]:
         from . import robot
 
         return robot.identify(cfg, folder)
-    result = compare(cfg)
     folder.mkdir(parents=True, exist_ok=True)
-    save_png(error_against_time({f"bounds: {cfg['bounds']['name']}": result}), folder / "error_against_time.png")
+    for name in (FIT, TIMES):  # of an earlier run in this folder
+        (folder / name).unlink(missing_ok=True)
+    result = compare(cfg, folder)
+    written = [f"{FIT} (the fit over the measurement)"] if (folder / FIT).exists() else []
+    if _takes_time(result):
+        save_png(error_against_time({f"bounds: {cfg['bounds']['name']}": result}), folder / TIMES)
+        written.append(TIMES)
     write_json(folder / "result.json", result | {"versions": versions(), "commit": commit(), "config": cfg})
     log.info(table(result))
-    log.info(f"error_against_time.png and result.json are in {folder}")
+    log.info(f"{listed([*written, 'result.json'])} are in {folder}")
     log.info(f"next: {called('diagnose')} with the same system, friction and data says what this law lacks")
     return result
 
 
-def compare(cfg: Config) -> dict[str, Any]:
+def _takes_time(result: Mapping[str, Any]) -> bool:
+    """Whether there is more than one point to draw of error against time: a search's way, methods or seeds."""
+    traces = [run["trace"] for runs in result["methods"].values() for run in runs]
+    return sum(seconds > 0 and bool(mse) for trace in traces for seconds, mse in trace) > 1
+
+
+def compare(cfg: Config, folder: Path | None = None) -> dict[str, Any]:
     """Every method on every seed, in ``cfg["jobs"]`` processes.
+
+    Args:
+        cfg: resolved conf/identify.yaml.
+        folder: where the fit of the first seed is drawn; None: nowhere.
 
     Returns:
         system, friction law, bounds, truth (where it is known), and for each method a list of one entry per seed with
@@ -79,7 +96,7 @@ def compare(cfg: Config) -> dict[str, Any]:
     """
     _check(cfg)
     jobs = cfg["jobs"]
-    work = partial(one_seed, cfg)
+    work = partial(one_seed, cfg, folder)
     if jobs > 1 and len(cfg["seeds"]) > 1:
         with one_thread(), ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=silent) as pool:
             found = list(pool.map(work, cfg["seeds"]))
@@ -106,8 +123,8 @@ def compare(cfg: Config) -> dict[str, Any]:
     }
 
 
-def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
-    """Every method on one draw of the noise, the bounds and the start."""
+def one_seed(cfg: Config, folder: Path | None, seed: int) -> dict[str, Any]:
+    """Every method on one draw of the noise, the bounds and the start; of the first, the fit is drawn in the folder."""
     quiet()
     extensions.load(cfg.get("extensions") or ())  # in a process of its own
     cfg = cfg | {"seed": seed}
@@ -137,6 +154,8 @@ def one_seed(cfg: Config, seed: int) -> dict[str, Any]:
         steps.finish(f"seed {seed}, {method}: {found.seconds:.1f} s, {found.outcome}")
         if method == "maximum_likelihood":
             log.info(str(found))
+            if folder is not None and seed == cfg["seeds"][0] and found.residuals:
+                save_png(found.plot("residuals"), folder / FIT)
         start = within(bounds, start | found.values) if method == origin else start
     return {method: result[method] for method in cfg["methods"]}
 

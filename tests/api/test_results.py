@@ -133,6 +133,26 @@ def test_a_result_is_plotted_by_name_and_a_wrong_name_is_told(results, kind):
         results[kind].plot("nothing")
 
 
+def test_a_fit_is_drawn_over_the_measurement_with_units_and_what_is_left_below(results, log):
+    fit, (first, second) = results["fit"], log.trials
+    figure = fit.plot("residuals")
+    grid = np.reshape(figure.axes, (-1, 2))
+    assert [axes.get_ylabel() for axes in grid[:-1, 0]] == ["x (m)", "v (m/s)", "a (m/s²)"]
+    assert [axes.get_title() for axes in grid[0]] == [
+        "trial 1",
+        "trial 2",
+    ] and "converged" in figure._suptitle.get_text()
+    for axes, trial in zip(grid[0], (first, second), strict=True):
+        measured, model = axes.lines
+        assert np.array_equal(measured.get_xdata(), trial.t) and np.array_equal(
+            measured.get_ydata(), trial.signals["x"]
+        )
+        assert np.allclose(model.get_ydata(), trial.signals["x"] + fit.residuals[trial.name]["x"])
+    assert all(axes.get_xlabel() == "time (s)" for axes in grid[-1])
+    searched = replace(fit, minimum=None).plot("residuals").axes  # what a search keeps
+    assert len(searched) == 2 and searched[0].get_xlabel() == "sample"
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_result_is_plain_types_and_saves_itself(results, kind, tmp_path):
     assert json.loads(json.dumps(results[kind].to_dict()))

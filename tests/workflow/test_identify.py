@@ -31,7 +31,17 @@ def compared(tmp_path_factory) -> dict:
     result = identify(default_config([*DRIVE, methods, "bounds=near", "friction=lugre_tied"], "identify"), folder)
     assert json.loads((folder / "result.json").read_text())["methods"] == json.loads(json.dumps(result["methods"]))
     assert (folder / "error_against_time.png").stat().st_size > 10_000
+    assert (folder / "fit.png").stat().st_size > 10_000
     return result
+
+
+def test_one_method_and_seed_draw_the_fit_and_no_figure_of_a_single_dot(tmp_path, caplog):
+    options = ["system=drive", "friction=coulomb_viscous", "methods=[maximum_likelihood]", "bounds=data"]
+    (tmp_path / "error_against_time.png").write_bytes(b"of an earlier run")
+    with caplog.at_level("INFO"):
+        identify(default_config([*DRIVE[1:4], *options], "identify"), tmp_path)
+    assert {item.name for item in tmp_path.iterdir()} == {"fit.png", "result.json"}
+    assert f"fit.png (the fit over the measurement) and result.json are in {tmp_path}" in caplog.text
 
 
 def test_every_estimator_has_the_same_bounds_and_start(compared):
