@@ -262,26 +262,34 @@ def _page(result: Mapping[str, Any], runs: list[tuple[str, Loop, Loop]], plant: 
         f"Rms tracking error, the first third of each motion left out. {html.escape(limited)}</p>"
     )
     name, before, after = max(runs, key=lambda run: _rms(run[1]))
-    caption = f"{name}: tracking error, and the torque that was added beside the true friction."
+    caption = f"{name}: tracking error, what compensation leaves of it, and the torque added beside the true friction."
     title = f"Compensation: rms tracking error of {name} {_lower(result['motions'][name])}"
     drawn = picture(png(_figure(before, after, unit, plant.mechanism.system.force_unit, title)), caption)
     return page("Friction compensation, before and after", told + table + drawn + f"<h2>Parameters</h2>{values}")
 
 
 def _figure(before: Loop, after: Loop, unit: str, force: str, title: str) -> Figure:
-    figure = Figure(figsize=(10, 5), layout="constrained")
-    top, bottom = figure.subplots(2, 1, sharex=True)
-    factor, small = _scaled(max(float(np.abs(loop.error).max()) for loop in (before, after)))
-    top.plot(before.t, factor * before.error, color=INK["baseline"], lw=1.0, label="PID alone")
-    top.plot(after.t, factor * after.error, color=INK["model"], lw=1.0, label="compensated")
+    figure = Figure(figsize=(10, 7), layout="constrained")
+    top, middle, bottom = figure.subplots(3, 1, sharex=True)
+    both = [(before, "baseline", "PID alone"), (after, "model", "compensated")]
+    own = [(after, "model", "compensated, on its own scale")]  # beside the PID alone it is a line at zero
+    most = max(float(np.abs(loop.error).max()) for loop, *_ in both), float(np.abs(after.error[_late(after)]).max())
+    for axes, runs, reach in ((top, both, most[0]), (middle, own, most[1])):
+        factor, small = _scaled(reach)
+        for loop, color, label in runs:
+            axes.plot(loop.t, factor * loop.error, color=INK[color], lw=1.0, label=label)
+        axes.set_ylabel(f"tracking error ({small}{readable_unit(unit)})")
+        if reach > 0:
+            axes.set_ylim(-1.1 * factor * reach, 1.1 * factor * reach)
+    middle.axvspan(after.t[0], SKIPPED * after.t[-1], color=INK["band"], zorder=0, label="first third, not counted")
     bottom.plot(after.t, after.friction, color=INK["reference"], lw=1.3, label="true friction")
     known = "added, with its 95 % interval" if (after.high > after.low).any() else "added"
     bottom.plot(after.t, after.added, color=INK["model"], lw=0.9, label=known)
     bottom.fill_between(after.t, after.low, after.high, color=INK["model"], alpha=0.2, lw=0)
-    top.set(ylabel=f"tracking error ({small}{readable_unit(unit)})", title=title)
+    top.set(title=title, xlim=(after.t[0], after.t[-1]))
     bottom.set(xlabel="time (s)", ylabel=f"friction ({readable_unit(force)})")
-    for axis in (top, bottom):
-        low, high = axis.get_ylim()
-        axis.set_ylim(low, high + 0.25 * (high - low))
-        axis.legend(loc="upper right", frameon=False, fontsize=9, ncols=2)
+    for axes in (top, middle, bottom):
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high + 0.25 * (high - low))
+        axes.legend(loc="upper right", frameon=False, fontsize=9, ncols=2)
     return figure

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import subprocess
 
+import numpy as np
 import pytest
 from commands import call
 from pages import assert_reads_everywhere
 
-from frictionpinn.workflow.compensate import _told
+from frictionpinn.control import Loop
+from frictionpinn.workflow.compensate import _figure, _told
 
 SHORT = [
     "record.duration=1.5",
@@ -39,6 +41,22 @@ def test_a_machine_whose_torque_does_not_suffice_for_the_motion_is_told(tmp_path
     done = call("compensate.py", *SHORT, "machine.limit=4.6", "scale=10", cwd=tmp_path)
     assert "The torque is at its limit of 4.6 N in" in done.stdout.replace("\n", " ") + done.stderr
     assert "The torque is at its limit of 4.6 N in" in (tmp_path / "run" / "report.html").read_text()
+
+
+def test_the_figure_shows_what_compensation_leaves_on_a_scale_of_its_own():
+    t = np.linspace(0.0, 3.0, 301)
+    error = np.sin(7 * t)
+    error[t < 0.5] *= 10  # while it learns
+
+    def run(amplitude: float) -> Loop:
+        same, reference = np.zeros_like(t), np.column_stack([amplitude * error, 0 * t, 0 * t])
+        return Loop(t, reference, *[same] * 8)
+
+    top, middle, bottom = _figure(run(2e-4), run(2e-6), "m", "N", "title").axes
+    assert [axes.get_ylabel() for axes in (top, middle)] == ["tracking error (mm)", "tracking error (µm)"]
+    low, high = middle.get_ylim()
+    assert -2.5 < low < -2.0 < 2.0 < high < 4.0  # what is counted fills it
+    assert np.allclose(middle.lines[0].get_ydata(), 2 * error) and bottom.get_ylabel() == "friction (N)"
 
 
 @pytest.mark.parametrize(
