@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -9,7 +11,7 @@ import torch
 
 from frictionpinn.evaluate.in_simulation import _March, simulate_model
 from frictionpinn.evaluate.instant import WindowedForce, memoryless
-from frictionpinn.models import MODELS
+from frictionpinn.models import MODELS, FrictionEnsemble
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulate import ContactLost, Simulator
 from frictionpinn.physics import LAWS, SYSTEMS
@@ -113,6 +115,19 @@ def test_features_of_a_past_are_those_of_the_whole_signal():
     held = {name: values[:1] for name, values in past.items()}
     same = model.features(np.arange(40) / 400, {name: np.full(40, values[0]) for name, values in past.items()})
     np.testing.assert_allclose(force.constant(held)[0], same[-1], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["bb1", "pe1"])
+def test_the_force_of_an_ensemble_is_the_mean_of_its_members_forces_each_by_itself(name, monkeypatch):
+    """As one batched program it is the same to seven digits and takes several times as long."""
+    members = [model_of(name, ((1, 0), (5, 1)), seed) for seed in range(3)]
+    together = FrictionEnsemble(copy.deepcopy(members))
+    monkeypatch.setattr(FrictionEnsemble, "each", None)
+    force, alone = WindowedForce(together, 1, 1 / 400), [WindowedForce(member, 1, 1 / 400) for member in members]
+    x, rate = np.random.default_rng(0).normal(size=(2, 4, len(members[0].features.odd)))
+    now, rates = ({"v_slip": each[:, 0], "normal_force": np.full(4, 9.0)} for each in (x, rate))
+    expected = np.mean([one(x, rate, now, rates) for one in alone], axis=0)
+    np.testing.assert_allclose(force(x, rate, now, rates), expected, rtol=1e-12)
 
 
 def test_loss_of_contact_is_told():
