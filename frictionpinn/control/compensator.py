@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import sympy as sp
@@ -133,7 +133,7 @@ class Compensator:
         # of density q, read with density r, that is (q / r)^(1/6)
         noise = max((disturbance / m) ** 2 / (w**6 * interval), resolution**2 / 12)
         self.plan = Plan(
-            pointer(plain.newton), pointer(plain.outputs), pointer(self.kernels.strengths(tuple(self.adapt))), p,
+            *self._compiled(), p,
             p if known is None else parameter_vector(mechanism, self.names, {**parameters, **known}),
             np.array([self.names.index(name) for name in self.adapt], dtype=np.int64),
             np.array(clocks, dtype=np.int64).reshape(-1, 2), (n_s, n_w, n_u, columns.index(actuator(mechanism))),
@@ -151,6 +151,19 @@ class Compensator:
             past, np.zeros(5), np.zeros(1, dtype=np.int64),
         )  # fmt: skip
         self._result = np.zeros(3)
+
+    def _compiled(self) -> tuple[Any, Any, Any]:
+        """The first entries of the plan: addresses, which hold in this process alone."""
+        plain = self.kernels.plain
+        return pointer(plain.newton), pointer(plain.outputs), pointer(self.kernels.strengths(tuple(self.adapt)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "kernels": None, "plan": self.plan[3:]}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ |= state
+        self.kernels = Kernels(self.mechanism)  # compiled code is loaded anew in the other process
+        self.plan = Plan(*self._compiled(), *state["plan"])
 
     def __repr__(self) -> str:
         told = ", ".join(f"{name} {value:.4g}" for name, value in self.parameters.items() if name in self.adapt)

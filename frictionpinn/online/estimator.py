@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -110,6 +111,18 @@ class OnlineEstimator:
         told = {share: cls(mechanism, parameters, tuning, share=share).log_likelihood(parts) for share in SHARES}
         return cls(mechanism, parameters, tuning, adapt, max(told, key=told.__getitem__), covariance)
 
+    def _compiled(self) -> tuple[Any, Any]:
+        """The first entries of the equations: addresses, which hold in this process alone."""
+        return pointer(self.kernels.plain.newton), pointer(self.kernels.plain.outputs)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "kernels": None, "_equations": self._equations[2:]}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ |= state
+        self.kernels = Kernels(self.mechanism)  # compiled code is loaded anew in the other process
+        self._equations = _recursions().Equations(*self._compiled(), *state["_equations"])
+
     def __repr__(self) -> str:
         values = dict(zip(self.names, self._p, strict=True))
         told = ", ".join(f"{name} {values[name]:.4g}" for name in self.adapt)
@@ -142,7 +155,7 @@ class OnlineEstimator:
         atol = np.full(n_s, ATOL * tuning.interval)
         atol[m : 2 * m] = ATOL
         self._equations = core.Equations(
-            pointer(self.kernels.plain.newton), pointer(self.kernels.plain.outputs), METHOD.a, METHOD.c, METHOD.error,
+            *self._compiled(), METHOD.a, METHOD.c, METHOD.error,
             METHOD.order_error, np.array(chains, dtype=np.int64).reshape(-1, 4),
             np.array([(place, 1) for place in places], dtype=np.int64).reshape(-1, 2), self._p,
             (m, n_s, n_w, n_u), ALONE.lines(mechanism.clocks), atol, self.kernels.places, RTOL, 1.0,

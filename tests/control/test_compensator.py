@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from axes import ADAPTS, DRIVE, TRUTH, WRONG, estimator, gains, plant
@@ -53,6 +56,19 @@ def test_no_reading_and_no_torque_brings_it_over_its_limit_or_out_of_the_numbers
         command = compensator.update(row, reading, wild * rng.normal())
         assert abs(command.torque) <= limit
         assert np.isfinite(command).all() and command.low <= command.torque <= command.high
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda made: pickle.loads(pickle.dumps(made))])
+def test_a_copy_goes_on_as_the_compensator_does_and_leaves_it_alone(copied):
+    compensator = estimator(**STROKE)
+    drive_about(compensator, 200, 0)
+    twin = copied(compensator)
+    assert twin.parameters == compensator.parameters != TRUTH
+    before = compensator.memory.X.copy()
+    drive_about(twin, 50, 1)
+    assert np.array_equal(compensator.memory.X, before)
+    drive_about(compensator, 50, 1)
+    assert np.array_equal(compensator.memory.X, twin.memory.X) and repr(twin) == repr(compensator)
 
 
 @pytest.mark.parametrize("speed", [-0.05, -2e-3, 1e-3, 0.02])

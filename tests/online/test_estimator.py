@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -62,6 +64,21 @@ def test_sample_by_sample_gives_what_a_whole_trial_gives():
         reading = estimator.update(float(t), {name: trial.signals[name][k] for name in estimator.signals})
         assert reading.force == whole["force"][k] and reading.low == whole["low"][k]
         assert reading.low <= reading.force <= reading.high and reading.status == "ok"
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda made: pickle.loads(pickle.dumps(made))])
+def test_a_copy_goes_on_as_the_estimator_does_and_leaves_it_alone(copied):
+    trial, estimator = case("pob")[3].trials[1], fitted("pob")
+    estimator.reset()
+
+    def step(of, k):
+        return of.update(float(trial.t[k]), {name: trial.signals[name][k] for name in of.signals})
+
+    for k in range(40):
+        step(estimator, k)
+    twin = copied(estimator)
+    ahead = [step(twin, k) for k in range(40, 60)]
+    assert ahead == [step(estimator, k) for k in range(40, 60)]
 
 
 def test_nothing_after_a_sample_changes_its_estimate():
