@@ -105,9 +105,9 @@ class Compensator:
             "bandwidth": bandwidth,
             "gain": gain,
         }.items():
-            _above(name, value, 0.0)
+            check_above(name, value, 0.0)
         for name, value in {"delay": delay, "disturbance": disturbance, "uneven": uneven}.items():
-            _least(name, value)
+            check_least(name, value)
         if not (finite(cells) and cells == int(cells) and 2 <= cells <= MOST_CELLS):
             raise UserError("impossible value", where="cells", received=cells,
                             allowed=f"a whole number from 2 to {MOST_CELLS}")  # fmt: skip
@@ -116,7 +116,7 @@ class Compensator:
         self.names = tuple(par.name for par in mechanism.parameters)
         self.adapt, self.spread = dict(adapt or {}), dict(spread or {})
         for name, value in self.spread.items():
-            _least(f"spread.{name}", value)
+            check_least(f"spread.{name}", value)
         p = parameter_vector(mechanism, self.names, parameters)
         check_adapt(self.adapt, self.names, p, None)
         n_s, n_w, n_u, _ = self.kernels.sizes
@@ -144,7 +144,7 @@ class Compensator:
             float(STILL * resolution if still is None else still), RESOLVED * w * ALIKE * width, float(limit),
             filters, float(gain), cells, low, width,
         )  # fmt: skip
-        _above("still", self.plan.still, 0.0)
+        check_above("still", self.plan.still, 0.0)
         past = np.zeros((int(self.plan.lag) + 3, SLOPES + self._k))
         self.memory = Memory(
             np.zeros(size), np.zeros((size, size)), np.zeros(n_s), np.zeros(n_w), np.zeros((n_s, self._k)), p.copy(),
@@ -272,11 +272,13 @@ def _loop(interval: float, delay: float, bandwidth: float) -> None:
                             fix="seconds are meant; or lower the bandwidth")  # fmt: skip
 
 
-def _above(name: str, value: float, least: float) -> None:
+def check_above(name: str, value: float, least: float) -> None:
+    """Raise :class:`UserError` for a value that is not a finite number above ``least``."""
     if not (finite(value) and value > least):
         raise UserError("impossible value", where=name, received=value, allowed=f"a number above {least:g}")
 
 
-def _least(name: str, value: float) -> None:
+def check_least(name: str, value: float) -> None:
+    """Raise :class:`UserError` for a value that is not a finite number from 0."""
     if not (finite(value) and value >= 0):
         raise UserError("impossible value", where=name, received=value, allowed="a number from 0")

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import UserError
 from ..export.portable import PortableModel
 from ..online import OnlineEstimator
-from .compensator import STILL, Command, actuator
+from .compensator import STILL, Command, actuator, check_above, check_least
 from .recursions import let_through
 
 
@@ -34,7 +34,7 @@ class EstimatorFeedback:
         smoothing: s, above 0.
 
     Raises:
-        UserError: a smoothing that is not above 0.
+        UserError: an interval, limit, resolution or smoothing that is not above 0, a delay below 0.
     """
 
     def __init__(
@@ -47,8 +47,10 @@ class EstimatorFeedback:
         resolution: float = 1e-6,
         smoothing: float = 5e-3,
     ):
-        if not smoothing > 0:
-            raise UserError("impossible value", where="smoothing", received=smoothing, allowed="a number above 0")
+        given = {"interval": interval, "limit": limit, "resolution": resolution, "smoothing": smoothing}
+        for name, value in given.items():
+            check_above(name, value, 0.0)
+        check_least("delay", delay)
         self.estimator, self._h, self._limit = estimator, interval, limit
         self._still, self._share, self._lag = STILL * resolution, 1 - np.exp(-interval / smoothing), delay / interval
         self._position = estimator.mechanism.free[0].signals[0]
@@ -90,7 +92,8 @@ class NetworkFeedforward:
         limit: largest torque, in the unit of force.
 
     Raises:
-        UserError: an interval that is no whole part of that of the training data.
+        UserError: an inertia, normal force, interval or limit that is not above 0; an interval that is no whole part of
+            that of the training data.
     """
 
     def __init__(
@@ -98,6 +101,8 @@ class NetworkFeedforward:
     ):
         from ..export.mujoco_model import describe, law_module
 
+        for name, value in {"inertia": inertia, "normal": normal, "interval": interval, "limit": limit}.items():
+            check_above(name, value, 0.0)
         self._module: Any = _model_code()
         if portable.law is not None:
             law = ModuleType("friction_law")

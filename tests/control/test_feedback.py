@@ -37,9 +37,22 @@ def test_where_the_reference_rests_its_torque_is_a_constant(feedback):
     assert np.ptp(torques) == 0.0
 
 
+@pytest.mark.parametrize("name", ["interval", "delay", "limit", "resolution", "smoothing"])
+@pytest.mark.parametrize("value", [-1.0, np.nan, "1"])
+def test_numbers_that_cannot_be_are_refused(feedback, name, value):
+    with pytest.raises(UserError, match=f"impossible value: {name}"):
+        EstimatorFeedback(feedback.estimator, **{name: value})
+
+
 def test_a_smoothing_of_no_time_is_refused(feedback):
     with pytest.raises(UserError, match="smoothing is 0"):
         EstimatorFeedback(feedback.estimator, smoothing=0.0)
+
+
+@pytest.mark.parametrize("name", ["inertia", "normal", "interval", "limit"])
+def test_numbers_that_a_network_cannot_have_are_refused(name):
+    with pytest.raises(UserError, match=f"impossible value: {name} is 0.0"):
+        NetworkFeedforward(network(), **{"inertia": 1.0, "normal": 1.0} | {name: 0.0})
 
 
 def network() -> PortableModel:
