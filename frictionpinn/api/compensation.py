@@ -58,8 +58,8 @@ def compensate(
         the system's unit of force; reference: position, velocity and acceleration, shape (3,); torque: commanded last.
 
     Raises:
-        UserError: a mechanism that is no such axis; a parameter that is unknown, missing or out of its range; an
-            unknown compensator or option.
+        UserError: a mechanism that is no such axis; a parameter that is unknown, missing or out of its range, or mu_s
+            below mu_c; ``adapt`` of a parameter that is 0; an unknown compensator or option.
 
     Examples:
         >>> import frictionpinn as fp
@@ -88,12 +88,13 @@ def compensate(
     loop = {"interval": interval, "delay": delay, "resolution": resolution, "known": known, "stroke": stroke}
     made = build_compensator(config | options, axis, values, **loop)
     assert made is not None
-    unmatched = [name for name in options.get("spread") or () if name not in (config | options)["adapt"]]
+    left, unmatched = ([n for n in options.get(key) or () if n not in made.adapt] for key in ("adapt", "spread"))
     for key, read, allowed in (
         ("transition", "v_t" in made.names and "v_s" in values, "with a law that has v_t, beside a v_s"),
         ("bandwidth", made.plan.filters, "where a disturbance, a parameter or a place is learned"),
         ("cells", made.plan.cells, "with a stroke, and uneven above 0"),
         ("uneven", made.plan.cells or options.get("uneven") == 0, "with a stroke"),
+        ("adapt", not left, f"of parameters above 0 that the compensator has, not of {', '.join(left)}"),
         ("spread", not unmatched, f"of parameters in adapt, not of {', '.join(unmatched)}"),
     ):
         if options.get(key) is not None and not read:

@@ -69,9 +69,9 @@ class Compensator:
         gain: factor of the torque, for tests of how much over-compensation a loop bears.
 
     Raises:
-        UserError: a mechanism that is no such axis; a parameter without value or out of its range; a cycle, delay,
-            resolution, limit or speed that is not above 0 (a delay: not below), or a cycle or delay that is too long
-            for the bandwidth; a stroke without length.
+        UserError: a mechanism that is no such axis; a parameter without value or out of its range, or mu_s below mu_c;
+            a cycle, delay, resolution, limit or speed that is not above 0 (a delay: not below), or a cycle or delay
+            that is too long for the bandwidth; a stroke without length.
 
     Source: H. Olsson and others, Friction models and friction compensation, European Journal of Control 4 (1998).
     """
@@ -118,6 +118,7 @@ class Compensator:
         for name, value in self.spread.items():
             check_least(f"spread.{name}", value)
         p = parameter_vector(mechanism, self.names, parameters)
+        mechanism.law.check_order(dict(zip(self.names, p.tolist(), strict=True)), "parameters")
         check_adapt(self.adapt, self.names, p, None)
         n_s, n_w, n_u, _ = self.kernels.sizes
         plain, columns = self.kernels.plain, mechanism.input_signals

@@ -78,6 +78,14 @@ def test_a_folder_receives_the_c_code(model, tmp_path):
         (lambda m: fp.compensate(m, VALUES, cells=8), "nothing reads: cells is 8; allowed: with a stroke"),
         (lambda m: fp.compensate(m, VALUES, uneven=0.3), "nothing reads: uneven is 0.3; allowed: with a stroke"),
         (lambda m: fp.compensate(m, VALUES, adapt={}, spread={"mu_c": 0.3}), "of parameters in adapt, not of mu_c"),
+        (
+            lambda m: fp.compensate(m, {"mu_c": 3.0, "sigma_2": 0.0}, adapt={"sigma_2": 0.1}),
+            "nothing reads: adapt is .*; allowed: of parameters above 0 that the compensator has, not of sigma_2",
+        ),
+        (
+            lambda m: fp.compensate(fp.mechanism(m.system, "stribeck"), VALUES | {"mu_s": 2.0, "v_s": 1e-3}),
+            "static below Coulomb friction: parameters.mu_s is 2.0; allowed: at least mu_c = 3",
+        ),
         (lambda m: fp.compensate(m, VALUES, limit=None), "impossible value: limit; allowed: a number above 0"),
         (lambda m: fp.compensate(m, VALUES, limit="a"), "not a number: limit is 'a'"),
         (lambda m: fp.compensate(m, VALUES, known=3), "no table: known is 3"),

@@ -71,6 +71,11 @@ def test_a_copy_goes_on_as_the_compensator_does_and_leaves_it_alone(copied):
     assert np.array_equal(compensator.memory.X, twin.memory.X) and repr(twin) == repr(compensator)
 
 
+def test_static_friction_below_coulomb_friction_is_refused():
+    with pytest.raises(UserError, match=r"static below Coulomb friction: parameters\.mu_s is 1\.0; allowed: at least"):
+        Compensator(DRIVE, TRUTH | {"mu_s": 1.0})
+
+
 @pytest.mark.parametrize("speed", [-0.05, -2e-3, 1e-3, 0.02])
 def test_along_a_constant_speed_the_feed_forward_is_the_laws_steady_friction(speed):
     compensator = Compensator(DRIVE, TRUTH)
