@@ -303,7 +303,13 @@ class OnlineEstimator:
             force, low, high and std of the friction force, shape (n,); ``consistent``, whether the samples were as
             expected, shape (n,); each parameter that adapts, shape (n,), and ``log_likelihood`` of the innovations,
             shape (). With several contacts ``hinge.force`` and so on.
+
+        Raises:
+            UserError: no trial.
         """
+        if not isinstance(trial, Trial):
+            raise UserError("no trial", where="trial", received=type(trial).__name__,
+                            allowed="one trial of a recording", fix="take recording.trials[0]")  # fmt: skip
         self.reset()
         self._place(trial.session)
         system, Y = self.mechanism.system, np.full((len(trial.t), len(self.signals)), np.nan)

@@ -81,6 +81,11 @@ def test_a_copy_goes_on_as_the_estimator_does_and_leaves_it_alone(copied):
     assert ahead == [step(estimator, k) for k in range(40, 60)]
 
 
+def test_what_is_no_trial_is_told():
+    with pytest.raises(UserError, match="no trial: trial is Recording; allowed: one trial of a recording"):
+        fitted("pob").filter(case("pob")[3])
+
+
 def test_nothing_after_a_sample_changes_its_estimate():
     _, _, _, noisy = case("pob")
     estimator, trial = fitted("pob"), noisy.trials[1]
