@@ -111,4 +111,4 @@ def test_the_log_of_a_servo_that_pauses_is_identified_within_a_budget():
     found = maximum_likelihood(Mechanism(system, LAWS["coulomb_viscous"]()), noisy)
     assert found.n_simulations < 1400  # 1676 from a coarse resolution on
     for name in ("mu_c", "sigma_2"):
-        assert found.values[name] == pytest.approx(truth[name], rel=0.01)
+        assert found.values[name] == pytest.approx(truth[name], rel=0.03)
