@@ -26,6 +26,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.stats import f
 
 from ..data.recording import Recording
 from ..errors import UserError
@@ -33,6 +34,7 @@ from ..numerics.descent import CLOSELY, KNOWN, Solution, coarse_to_fine, levenbe
 from ..numerics.minima import AT_ONCE, KICKS, assembled, carried, lowest_of_trials
 from ..numerics.parallel import in_parallel
 from ..numerics.quadratic import Evaluate, Known, State, moved, reduced
+from ..numerics.whiteness import SIGNIFICANCE
 from ..physics.base import plain_name
 from ..physics.mechanism import Mechanism
 from ..progress import counted
@@ -117,7 +119,7 @@ def maximum_likelihood(
         costs = problem.evaluator(models, sigmas), problem.apart(models, sigmas)
         solution, sigmas = _settled(problem, models, lowest_around(problem, *costs, solution, others), sigmas)
     beside = neighbours(problem.evaluator(models, sigmas), solution.state, problem.space.limits) if thorough else []
-    white = _white(problem, solution.state)
+    white = _white(problem, solution.state) and not _drawn_away(problem, models, solution.state)
     minimum = Minimum(solution.state, solution.reason, models)
     spent = time.perf_counter() - began, problem.simulations - before
     return finish(problem, minimum, sigmas, *spent, beside=beside, profiles=profiles, white=white)
@@ -204,6 +206,24 @@ def beginnings(problem: Problem, state: State) -> list[State]:
 def _white(problem: Problem, state: State) -> bool:
     """Whether what a fit leaves of the outputs is white."""
     return state.white(problem.channels.outputs, round(problem.resolutions[0] / problem.interval))
+
+
+def _drawn_away(problem: Problem, models: Sequence[TrialModel], state: State) -> bool:
+    """Whether noisy inputs are found farther from what was measured than their noise explains (F-test): what a model
+    lacks may hide there, as a constant force does, and leave the outputs white.
+
+    Outputs draw an input's spline towards the truth, by less than it errs alone (Hausman, Econometrica 46 (1978)).
+    """
+    away, left, told, rest = 0.0, 0.0, 0, 0
+    for model, local in zip(models, state.locals, strict=True):
+        for item, values in zip(model.inputs, model.coefficients(local), strict=True):
+            if not set(item.names) & set(model.sensed):  # of others the spline is the truth, not what a sensor shows
+                weight = np.array([1 / problem.sigmas.get(name, np.inf) for name in item.names])[:, None]
+                alone = item.basis.values(item.coefficients)
+                away += float(np.nansum(((item.basis.values(values) - alone + 0 * item.y) * weight) ** 2))
+                left += float(np.nansum(((item.y - alone) * weight) ** 2))
+                told, rest = told + item.basis.size, rest + int(np.isfinite(item.y).sum()) - item.basis.size
+    return told > 0 < rest and left > 0 and float(f.sf(away / told * rest / left, told, rest)) < SIGNIFICANCE
 
 
 def _elsewhere(

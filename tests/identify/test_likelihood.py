@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from cases import around, case, deviations
 
-from frictionpinn.data.noise import OutlierNoise
+from frictionpinn.data.noise import GaussianNoise, OutlierNoise
 from frictionpinn.data.recording import Recording, Trial
+from frictionpinn.data.simulated import simulate_trials
 from frictionpinn.errors import UserError
 from frictionpinn.identify import Problem, maximum_likelihood, profile
 from frictionpinn.physics import LAWS, SYSTEMS
@@ -157,3 +158,14 @@ def test_an_imposed_motion_without_its_force_is_refused():
     only = Recording((Trial("1", t, {"x": 0.01 * np.sin(6 * t)}),), dict(system.signal_units))
     with pytest.raises(UserError, match="nothing to compare the model with"):
         Problem(Mechanism(system, LAWS["coulomb"]()), only)
+
+
+def test_a_force_that_the_model_lacks_is_not_explained_by_the_noise_of_an_input():
+    # A constant force may pass for an input that was measured so much too low: the outputs are white.
+    system, trials = SYSTEMS["drive"](M=2.0), [{"duration": 3.0, "force": f"9*sin({w}*t)"} for w in (5, 7)]
+    law, truth = LAWS["coulomb_viscous"](), {"mu_c": 4.0, "sigma_2": 6.0}
+    more = {"constant_force": 0.5}
+    for effects, strength, outcome in (((), {}, "converged"), (tuple(more), more, "not explained")):
+        clean = simulate_trials(Mechanism(system, law, effects), truth | strength, trials, 250.0)
+        found = maximum_likelihood(Mechanism(system, law), GaussianNoise(0.01)(clean, 0))
+        assert found.outcome == outcome, found
