@@ -94,11 +94,7 @@ def online(predictor: Predictor) -> Online:
 def simulated_law(system: System, law: str | Mapping[str, str], parameters: Mapping[str, float]) -> InSimulation:
     """Simulation of a law, or of one for each contact, by the compiled simulator."""
     simulator = Simulator(Mechanism(system, law_named(law, "friction")))  # type: ignore[arg-type]
-
-    def simulated(path: InputPath, y0: Start) -> Simulation:
-        return simulator.simulate(path.t, path, dict(parameters), dict(y0), z0="steady")
-
-    return simulated
+    return lambda path, y0: simulator.simulate(path.t, path, dict(parameters), dict(y0), z0="steady")
 
 
 class Joint:

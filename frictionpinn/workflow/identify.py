@@ -21,10 +21,9 @@ from ..evaluate.estimators import error_against_time, table
 from ..evaluate.picture import save_png
 from ..evaluate.style import squared
 from ..evaluate.trajectory import Trajectory, simulate, simulation_error
-from ..evaluate.yardsticks import Candidate, Start
+from ..evaluate.yardsticks import Candidate
 from ..identify.result import Estimate
-from ..numerics.paths import InputPath
-from ..numerics.simulate import Simulation, Simulator
+from ..numerics.simulate import Simulator
 from ..physics import LAWS, System, extensions
 from ..physics.base import beside, plain_name
 from ..physics.contacts import by_parameter, law_named, laws_of
@@ -190,11 +189,7 @@ class Scorer:
         if not self.trajectories or not all(np.isfinite(value) for value in values.values()):
             return None
         p = self.fixed | dict(values)
-
-        def simulated(path: InputPath, y0: Start) -> Simulation:
-            return self.simulator.simulate(path.t, path, p, y0, z0="steady")
-
-        candidate = Candidate("", simulate=simulated)
+        candidate = Candidate("", simulate=lambda path, y0: self.simulator.simulate(path.t, path, p, y0, z0="steady"))
         errors = [simulation_error(simulate(candidate, item), item) for item in self.trajectories]
         if any("force_mse" not in error for error in errors):
             return None
