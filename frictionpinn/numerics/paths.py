@@ -162,8 +162,7 @@ class InputPath:
     @cached_property
     def samples(self) -> np.ndarray:
         """u at the sample times, shape (n, n_u)."""
-        last = self.coefficients[-1] @ (self.t[-1] - self.t[-2]) ** np.arange(DEGREE + 1)
-        return np.concatenate([self.coefficients[:, :, 0], last[None]])
+        return at_samples(self.coefficients, self.t)
 
     @cached_property
     def signals(self) -> dict[str, np.ndarray]:
@@ -221,12 +220,12 @@ class Directions:
         t = next(iter(paths.values())).t
         support = _support(coefficients)
         place = np.argsort(support[:, 0], kind="stable")
-        samples = _at_samples(coefficients, t)
+        samples = at_samples(coefficients, t)
         return cls(dict(paths), coefficients[place], samples[place], support[place], np.argsort(place))
 
     def moved(self, coefficients: np.ndarray, t: np.ndarray, support: np.ndarray) -> Directions:
         """The same paths with other coefficients, shape and order those of ``coefficients``, at the times t."""
-        return replace(self, coefficients=coefficients, samples=_at_samples(coefficients, t), support=support)
+        return replace(self, coefficients=coefficients, samples=at_samples(coefficients, t), support=support)
 
     def beside(self, others: Directions) -> Directions:
         """These after the others, by name."""
@@ -240,10 +239,10 @@ class Directions:
         return Directions(dict(others.paths) | dict(self.paths), coefficients, samples, support[place], order)
 
 
-def _at_samples(coefficients: np.ndarray, t: np.ndarray) -> np.ndarray:
+def at_samples(coefficients: np.ndarray, t: np.ndarray) -> np.ndarray:
     """What acts at the times t, shape (n_d, n, n_u)."""
-    last = coefficients[:, -1] @ (t[-1] - t[-2]) ** np.arange(DEGREE + 1)
-    return np.concatenate([coefficients[..., 0], last[:, None]], axis=1)
+    last = coefficients[..., -1:, :, :] @ (t[-1] - t[-2]) ** np.arange(DEGREE + 1)
+    return np.concatenate([coefficients[..., 0], last], axis=-2)
 
 
 def _support(coefficients: np.ndarray) -> np.ndarray:

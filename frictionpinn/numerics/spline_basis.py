@@ -12,7 +12,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 
 from .gram import combined, gram
-from .paths import DEGREE
+from .paths import DEGREE, at_samples
 from .smoothing import Coordinate, Smoothed, SmoothingSpline, difference_sigma
 
 COARSEST, FINEST = 8, 2  # knot intervals of the coarsest spline tried; samples per interval of the finest
@@ -76,9 +76,7 @@ class PathBasis:
 
     def values(self, coefficients: np.ndarray) -> np.ndarray:
         """Value and derivatives at the samples of the spline with these, shape (orders, n)."""
-        path = self.path(coefficients)
-        last = path[-1] @ (self.t[-1] - self.t[-2]) ** np.arange(DEGREE + 1)
-        return np.concatenate([path[:, :, 0], last[None]]).T
+        return at_samples(self.path(coefficients), self.t).T
 
     def fit(self, y: np.ndarray, sigmas: np.ndarray, beside: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Weighted least squares on y, shape (orders, n), NaN where missing; sigmas, shape (orders,).
