@@ -180,6 +180,9 @@ class Kernels:
 
     mechanism: Mechanism
 
+    def __reduce__(self):
+        return type(self), (self.mechanism,)  # compiled code is loaded anew in the other process
+
     @cached_property
     def symbols(self) -> tuple[list[sp.Symbol], ...]:
         """Symbols of s, w, u and p."""

@@ -116,11 +116,10 @@ class OnlineEstimator:
         return pointer(self.kernels.plain.newton), pointer(self.kernels.plain.outputs)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "kernels": None, "_equations": self._equations[2:]}
+        return {**self.__dict__, "_equations": self._equations[2:]}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__ |= state
-        self.kernels = Kernels(self.mechanism)  # compiled code is loaded anew in the other process
         self._equations = _recursions().Equations(*self._compiled(), *state["_equations"])
 
     def __repr__(self) -> str:
