@@ -11,7 +11,7 @@ import sympy as sp
 
 from ..errors import UserError
 from ..numerics.codegen import Kernels, pointer
-from ..online.check import check_adapt, check_sensors, finite, parameter_vector
+from ..online.check import check_above, check_adapt, check_least, check_sensors, finite, parameter_vector
 from ..physics import CONTACT
 from ..physics.base import TRIAL
 from ..physics.mechanism import Mechanism
@@ -159,11 +159,10 @@ class Compensator:
         return pointer(plain.newton), pointer(plain.outputs), pointer(self.kernels.strengths(tuple(self.adapt)))
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "kernels": None, "plan": self.plan[3:]}
+        return {**self.__dict__, "plan": self.plan[3:]}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__ |= state
-        self.kernels = Kernels(self.mechanism)  # compiled code is loaded anew in the other process
         self.plan = Plan(*self._compiled(), *state["plan"])
 
     def __repr__(self) -> str:
@@ -271,15 +270,3 @@ def _loop(interval: float, delay: float, bandwidth: float) -> None:
             raise UserError("loop too slow for the bandwidth", where=name, received=value,
                             allowed=f"below {most:.3g} s, {why} of {bandwidth:g} Hz",
                             fix="seconds are meant; or lower the bandwidth")  # fmt: skip
-
-
-def check_above(name: str, value: float, least: float) -> None:
-    """Raise :class:`UserError` for a value that is not a finite number above ``least``."""
-    if not (finite(value) and value > least):
-        raise UserError("impossible value", where=name, received=value, allowed=f"a number above {least:g}")
-
-
-def check_least(name: str, value: float) -> None:
-    """Raise :class:`UserError` for a value that is not a finite number from 0."""
-    if not (finite(value) and value >= 0):
-        raise UserError("impossible value", where=name, received=value, allowed="a number from 0")

@@ -13,7 +13,8 @@ import numpy as np
 from ..errors import UserError
 from ..export.portable import PortableModel
 from ..online import OnlineEstimator
-from .compensator import STILL, Command, actuator, check_above, check_least
+from ..online.check import check_above, check_least
+from .compensator import STILL, Command, actuator
 from .recursions import let_through
 
 

@@ -13,7 +13,7 @@ from ..errors import UserError
 from ..numerics.codegen import Kernels, pointer
 from ..numerics.integrator import OK, OPTIONS, integrate
 from ..numerics.tableau import METHOD
-from ..online.check import finite
+from ..online.check import check_above
 from ..physics.mechanism import Mechanism
 from .compensator import Command, Compensator, check_axis, completed
 from .pid import Gains, pid
@@ -239,9 +239,8 @@ def close(
             motion that cannot be simulated.
     """
     check_axis(plant.mechanism)
-    for key, value in {"interval": interval, "duration": duration}.items():
-        if not (finite(value) and value > 0):
-            raise UserError("impossible value", where=key, received=value, allowed="a number of seconds above 0")
+    check_above("interval", interval, 0.0)
+    check_above("duration", duration, 0.0)
     if round(duration / interval) < 1:
         raise UserError("no cycle", where="duration", received=duration, allowed=f"{interval:g} s, a cycle, or more")
     part = interval / PARTS

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..errors import UserError
 from ..numerics.integrator import OPTIONS
-from ..online.check import finite
+from ..online.check import check_above
 
 INTEGRAL, RATE, LAST, BEGUN = 0, 1, 2, 3  # places in the memory
 FILTER = 1e-3  # s: low-pass of the error's rate where none is given
@@ -81,13 +80,9 @@ def tuned(inertia: float, dead_time: float, sensitivity: float = 1.4, filter: fl
 
     Source: Astrom and Hagglund, Advanced PID Control (2006), 4.5.
     """
-    for name, value, least in (
-        ("inertia", inertia, 0.0),
-        ("dead_time", dead_time, 0.0),
-        ("sensitivity", sensitivity, 1.0),
-    ):
-        if not (finite(value) and value > least):
-            raise UserError("impossible value", where=name, received=value, allowed=f"a number above {least:g}")
+    check_above("inertia", inertia, 0.0)
+    check_above("dead_time", dead_time, 0.0)
+    check_above("sensitivity", sensitivity, 1.0)
     x = np.geomspace(1e-2, 30.0, 400)  # frequencies, in units of w
 
     def peak(w: float) -> float:

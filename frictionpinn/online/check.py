@@ -19,6 +19,18 @@ def finite(value: object) -> bool:
         return False
 
 
+def check_above(name: str, value: float, least: float) -> None:
+    """Raise :class:`UserError` for a value that is not a finite number above ``least``."""
+    if not (finite(value) and value > least):
+        raise UserError("impossible value", where=name, received=value, allowed=f"a number above {least:g}")
+
+
+def check_least(name: str, value: float) -> None:
+    """Raise :class:`UserError` for a value that is not a finite number from 0."""
+    if not (finite(value) and value >= 0):
+        raise UserError("impossible value", where=name, received=value, allowed="a number from 0")
+
+
 def check_sensors(mechanism: Mechanism) -> None:
     """Raise :class:`UserError` where an effect changes what sensors show."""
     if mechanism.delays or dict(mechanism.outputs) != dict(mechanism.predictions):

@@ -121,7 +121,7 @@ def test_a_delay_that_is_no_whole_number_of_half_cycles_is_refused():
 @pytest.mark.parametrize(
     ("time", "said"),
     [
-        ({"duration": 0.0}, "duration is 0.0; allowed: a number of seconds above 0"),
+        ({"duration": 0.0}, "duration is 0.0; allowed: a number above 0"),
         ({"duration": "1 s"}, "duration is 1 s"),
         ({"duration": 1e-4}, "no cycle: duration is 0.0001; allowed: 0.001 s, a cycle, or more"),
         ({"interval": 0.0}, "interval is 0.0"),
