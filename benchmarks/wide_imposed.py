@@ -16,27 +16,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from wide_draw import Case
-from wide_effects import CLEAN, SHARE, Undeclared
+from wide_effects import CLEAN, MASSES, NAMED, SHARE, SLIP, Undeclared
 
 from frictionpinn.data.recording import Recording, Trial
 
 KINDS, LAW_NAMES = ("joint", "drive", "damper", "pendulum"), ("coulomb_viscous", "stribeck", "stribeck", "lugre")
-TURNS = ("joint", "pendulum")
 FINE = 40  # steps of a bristle to a sample
-EFFECTS = {  # effect -> parameter that carries its size, whether either sign occurs
-    "constant_force": ("constant_force", True), "spring_force": ("spring_stiffness", True), "drag": ("drag", False),
-    "asymmetry": ("asymmetry", True), "asymmetric_viscous": ("asymmetric_viscous", True),
-    "position_friction": ("position_gradient", True), "drift": ("drift", True), "payload": ("payload_", False),
-    "inertia": ("inertia", True), "vibration": ("vibration_sin", True), "delay": ("delay_", True),
-    "sensor_scale": ("scale_", True),
-}  # fmt: skip
-MASS = {"drive": "M", "pendulum": "m"}
+EFFECTS = (
+    "constant_force", "spring_force", "drag", "asymmetry", "asymmetric_viscous", "position_friction", "drift",
+    "payload", "inertia", "vibration", "delay", "sensor_scale",
+)  # fmt: skip
 
 
 def effects_on(kind: str) -> list[str]:
     """Effects that can act: without inertia a factor of the force is one of the friction."""
     without = {"payload"} if kind == "joint" else {"payload", "sensor_scale"} if kind == "damper" else set()
     return [name for name in EFFECTS if name not in without]
+
+
+def force_of(kind: str) -> str:
+    """The measured force's signal."""
+    return "tau" if kind in SLIP else "force"
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Mover:
 def draw(seed: int, effects: bool = True) -> Case:
     """The case of a seed; without effects the same mechanism, motion and noise level."""
     rng, kind, name = np.random.default_rng([20, seed]), KINDS[seed % 4], LAW_NAMES[seed // 4 % 4]
-    size = 1.0 if kind in TURNS else 0.05  # of the stroke, rad or m
+    size = 1.0 if kind in SLIP else 0.05  # of the stroke, rad or m
     given = {
         "joint": {"J": rng.uniform(0.05, 0.5), "W_cos": rng.uniform(1, 10), "W_sin": rng.uniform(-3, 3)},
         "drive": {"M": rng.uniform(1, 20)},
@@ -152,7 +152,7 @@ def draw(seed: int, effects: bool = True) -> Case:
 
 def _recorded(mover: Mover, paths: list[Path], acting: dict[str, float]) -> Recording:
     """What sensors without noise show."""
-    names = ("theta", "omega", "alpha", "tau") if mover.kind in TURNS else ("x", "v", "a", "force")
+    names = (*SLIP.get(mover.kind, ("x", "v", "a")), force_of(mover.kind))
     trials = []
     for number, path in enumerate(paths, 1):
         force, _, z = mover.required(path, acting)
@@ -164,9 +164,9 @@ def _recorded(mover: Mover, paths: list[Path], acting: dict[str, float]) -> Reco
 def _drawn(rng: np.random.Generator, mover: Mover, paths: list[Path]) -> Undeclared:
     """An effect: the rms change of the force that it makes is a share of the rms friction force."""
     name = str(rng.choice(effects_on(mover.kind)))
-    parameter, signed = EFFECTS[name]
-    force = "tau" if mover.kind in TURNS else "force"
-    parameter += {"payload": MASS.get(mover.kind, ""), "delay": force, "sensor_scale": force}.get(name, "")
+    parameter, signed = NAMED.get(name, ("delay_", True))
+    force = force_of(mover.kind)
+    parameter += {"payload": MASSES.get(mover.kind, ("",))[0], "delay": force, "sensor_scale": force}.get(name, "")
     share, values = rng.uniform(*SHARE), dict[str, float]()
     if name == "vibration":
         values["vibration_frequency"] = float(rng.uniform(4.0, 20.0))
