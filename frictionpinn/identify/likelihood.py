@@ -218,11 +218,11 @@ def _drawn_away(problem: Problem, models: Sequence[TrialModel], state: State) ->
     for model, local in zip(models, state.locals, strict=True):
         for item, values in zip(model.inputs, model.coefficients(local), strict=True):
             if not set(item.names) & set(model.sensed):  # of others the spline is the truth, not what a sensor shows
-                weight = np.array([1 / problem.sigmas.get(name, np.inf) for name in item.names])[:, None]
-                alone = item.basis.values(item.coefficients)
-                away += float(np.nansum(((item.basis.values(values) - alone + 0 * item.y) * weight) ** 2))
+                levels, seen = [problem.sigmas.get(name, np.inf) for name in item.names], np.isfinite(item.y)
+                weight, alone = seen / np.array(levels)[:, None], item.basis.values(item.coefficients)
+                away += float(np.sum(((item.basis.values(values) - alone) * weight) ** 2))
                 left += float(np.nansum(((item.y - alone) * weight) ** 2))
-                told, rest = told + item.basis.size, rest + int(np.isfinite(item.y).sum()) - item.basis.size
+                told, rest = told + item.basis.size, rest + int(seen.sum()) - item.basis.size
     return told > 0 < rest and left > 0 and float(f.sf(away / told * rest / left, told, rest)) < SIGNIFICANCE
 
 

@@ -144,7 +144,7 @@ class Estimate(Told):
         return [Table(("parameter", "value", "unit", "95 % interval"), tuple(rows), title, self.advice)]
 
     def figures(self) -> dict[str, Figure]:
-        """Intervals relative to the estimates and their correlations; residuals over time in multiples of the noise."""
+        """Intervals relative to the estimates and their correlations; the fit over the measurement."""
         from ..evaluate.estimate_figures import parameters_figure, residuals_figure
 
         drawn = {"parameters": parameters_figure(self.names, self.values, self.ci95, self.correlation)}

@@ -74,11 +74,13 @@ def differentiate(
             steps.size,
             steps.unknowns,
         )
-    which, kernel = wanted_outputs(kernels, contact), pointer(kernels.sensitivity.output_derivatives)
-    outputs = sensitivity.output_sensitivities(
-        kernel, states, unknowns, path.samples, p, ds, dw, wanted.columns, given.samples, given.support,
-        which, kernels.outputs,
-    ) if len(which) else np.zeros((0, n, len(wanted.names)))  # fmt: skip
+    which, outputs = wanted_outputs(kernels, contact), np.zeros((0, n, len(wanted.names)))
+    if len(which):
+        kernel = pointer(kernels.sensitivity.output_derivatives)
+        outputs = sensitivity.output_sensitivities(
+            kernel, states, unknowns, path.samples, p, ds, dw, wanted.columns, given.samples, given.support,
+            which, kernels.outputs,
+        )  # fmt: skip
     if not np.array_equal(given.order, np.arange(len(given.order))):
         first = len(wanted.names) - len(given)
         as_given = np.concatenate([np.arange(first), first + given.order])
