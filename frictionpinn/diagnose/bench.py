@@ -69,6 +69,7 @@ class Bench:
         self.declared = tuple(self.problem.names)
         self.held_out = held_out
         self.widths = self.problem.resolutions
+        self.judged: dict[Fit, Any] = {}  # what held-out trials say of fits
         self._made: dict[tuple[str, ...], Simulator] = {}
         self._making = Lock()
 

@@ -196,7 +196,7 @@ def judged(
         held: float | None = None
         if reference is not None and (there := winner.surprise) is not None:
             # Either will do: a law with memory may be bent to the fitted trials, and what vanished is open to anything.
-            held = max(reference.as_fitted - there.as_fitted, reference.moved - there.moved)
+            held = max(reference.fit.state.cost - there.fit.state.cost, reference.moved - there.moved)
         if held is None or held >= settings.gain:
             near = [c for c in near if c is not winner and c not in rivals]
             return replace(winner, gain=held), rivals, refused + [explains_less(c, winner) for c in near]

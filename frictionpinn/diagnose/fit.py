@@ -24,9 +24,9 @@ LOUDER = 2.5  # times the noise that differences show, where the model cannot be
 OUTLIERS = 0.2  # share of lone residuals in the sum of squares: noise levels told without them differ by a tenth
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
-    """A fit to the trials of a problem.
+    """A fit to the trials of a problem; no other is equal to it.
 
     Attributes:
         names: parameters that were estimated.

@@ -25,28 +25,30 @@ class Surprise:
     """Negative log-likelihood of the held-out trials, their own unknowns at their best.
 
     Attributes:
-        as_fitted: with the parameters as they were fitted.
+        fit: with the parameters as they were fitted, its state's cost.
         moved: with these integrated out: what the fitted trials leave open (a static friction above all that they
             hardly show) the held-out ones may tell. With S the information of the fit on u and C(u) their cost,
             Laplace's approximation is min_u C(u) + (u - u_fit)' S (u - u_fit) / 2 + log(det(C'' + S) / det S) / 2.
     """
 
-    as_fitted: float
+    fit: Fit
     moved: float
 
 
-def check(bench: Bench, fit: Fit) -> Fit | None:
-    """The held-out trials with the fit's parameters, only their own unknowns estimated; None without such trials, or
-    where they cannot be simulated."""
-    return _judged(bench, fit)[0]
-
-
 def surprise(bench: Bench, fit: Fit) -> Surprise | None:
-    """What trials that no fit saw say of a fit; None without such trials, or where they cannot be simulated."""
-    return _judged(bench, fit)[1]
+    """What trials that no fit saw say of a fit, found once; None without any, or where they cannot be simulated."""
+    if fit not in bench.judged:
+        bench.judged[fit] = _judged(bench, fit)
+    return bench.judged[fit]
 
 
-def _judged(bench: Bench, fit: Fit) -> tuple[Fit | None, Surprise | None]:
+def check(bench: Bench, fit: Fit) -> Fit | None:
+    """The held-out trials with a fit's parameters, only their own unknowns estimated, see :func:`surprise`."""
+    found = surprise(bench, fit)
+    return None if found is None else found.fit
+
+
+def _judged(bench: Bench, fit: Fit) -> Surprise | None:
     """The held-out trials with the fit's parameters, and what they say of it.
 
     A slip a little early or late makes minima in the trials' own unknowns, fewer of them where the parameters may move
@@ -54,12 +56,12 @@ def _judged(bench: Bench, fit: Fit) -> tuple[Fit | None, Surprise | None]:
     unknowns to which that leads are tried with the parameters as fitted.
     """
     if (found := _held_out(bench, fit)) is None:
-        return None, None
+        return None
     problem, models, first, plain = found
     at, limits, widths = first.u, problem.space.limits, problem.resolutions
     held = own_unknowns(Path(problem, tethered(problem), fit.sigmas, coarse=True, given=True), models, first)
     if held is None:
-        return None, None
+        return None
     moved = None
     if fit.state.curved:
         S = reduced(fit.state)[0] + FAINT * np.eye(len(at))
@@ -83,8 +85,7 @@ def _judged(bench: Bench, fit: Fit) -> tuple[Fit | None, Surprise | None]:
             best = assembled(evaluate, ends[0], offered, limits).state
             held = assembled(plain, held, [own[:-1] for own in carried([best], at, limits)], (at, at))
             moved = best.cost + 0.5 * float(np.linalg.slogdet(reduced(best)[0])[1] - np.linalg.slogdet(S)[1])
-    cost = held.state.cost
-    return replace(fit, models=models, state=held.state), Surprise(cost, cost if moved is None else moved)
+    return Surprise(replace(fit, models=models, state=held.state), held.state.cost if moved is None else moved)
 
 
 def own_unknowns(path: Path, models: Sequence[TrialModel], first: State) -> Solution | None:

@@ -269,7 +269,7 @@ class _Place:
 
         def work(k: int) -> Columns:
             row = replace(self.rows[k], change=np.where(wild, 0.0, changes[k]))
-            return Columns.of(row, self.noise, self.known[k].own)
+            return Columns.of(row, self.noise, self.known[k])
 
         columns = in_parallel(work, [row.r.size for row in self.rows])
         lengths = np.asarray(sum((c.matrix**2).sum(axis=0) for c in columns))

@@ -68,8 +68,7 @@ class Verdict:
 def judge(bench: Bench, selection: Selection, settings: Settings) -> Verdict:
     """Judge a selection."""
     path = [selection.base, *(a.fit for a in selection.accepted)]
-    judged = [check(bench, fit) for fit in path]
-    fits = [fit for fit in judged if fit is not None]
+    fits = [fit for own in path if (fit := check(bench, own)) is not None]
     scored = "held-out trials"
     if len(fits) < len(path):
         scored, fits = "fitted trials", path

@@ -83,15 +83,20 @@ class Columns:
     spread: np.ndarray
 
     @classmethod
-    def of(cls, row: Rows, noise: Noise, own: np.ndarray | None = None) -> Columns:
-        """Scale, flatten and project; ``own`` is the basis where it is known."""
-        r, change, local = (noise.scaled(row.signals, values) for values in (row.r, row.change, row.local))
-        own = basis(local.reshape(r.size, -1)) if own is None else own
-        matrix = project(own, change.reshape(r.size, -1))
+    def of(cls, row: Rows, noise: Noise, known: Columns | None = None) -> Columns:
+        """Scale, flatten and project: beside the own unknowns and residuals of ``known`` columns of these rows."""
+        if known is None:
+            r, local = (noise.scaled(row.signals, values).reshape(row.r.size, -1) for values in (row.r, row.local))
+            own = basis(local)
+            r = project(own, r[:, 0])
+        else:
+            own, r = known.own, known.r
+        change = noise.scaled(row.signals, row.change)
+        matrix = project(own, change.reshape(row.r.size, -1))
         spread = matrix
         if noise.coloured:
             spread = noise.spread(row.signals, matrix.reshape(change.shape)).reshape(matrix.shape)
-        return cls(own, project(own, r.reshape(-1)), matrix, spread)
+        return cls(own, r, matrix, spread)
 
 
 def basis(matrix: np.ndarray) -> np.ndarray:

@@ -94,4 +94,10 @@ def test_a_held_out_trial_is_not_judged_by_a_wrong_minimum_of_its_own_unknowns(s
 def test_where_the_parameters_may_move_a_trial_shows_its_way_out_of_a_wrong_minimum(bench, monkeypatch):
     right = check(bench, bench.base).state.cost
     monkeypatch.setattr(held_out, "own_unknowns", lambda path, models, first: Solution(first, "wrong"))
-    assert check(bench, bench.base).state.cost < right + 0.1
+    assert check(bench, replace(bench.base)).state.cost < right + 0.1
+
+
+def test_held_out_trials_are_simulated_once_for_each_fit(bench):
+    first, spent = surprise(bench, bench.base), bench.checked.simulations
+    assert surprise(bench, bench.base) is first and check(bench, bench.base) is first.fit
+    assert bench.checked.simulations == spent
