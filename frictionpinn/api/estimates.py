@@ -229,7 +229,8 @@ def online(
         An object with ``update(t, {signal: value})``, t in s, which returns force, low, high and status.
 
     Raises:
-        UserError: a recording that contradicts itself or the system; a parameter without a value, an effect on sensors.
+        UserError: a recording that contradicts itself or the system; a parameter without a value, mu_s below mu_c; an
+            effect on sensors.
 
     Examples:
         >>> import frictionpinn as fp

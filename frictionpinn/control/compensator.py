@@ -118,7 +118,6 @@ class Compensator:
         for name, value in self.spread.items():
             check_least(f"spread.{name}", value)
         p = parameter_vector(mechanism, self.names, parameters)
-        mechanism.law.check_order(dict(zip(self.names, p.tolist(), strict=True)), "parameters")
         check_adapt(self.adapt, self.names, p, None)
         n_s, n_w, n_u, _ = self.kernels.sizes
         plain, columns = self.kernels.plain, mechanism.input_signals

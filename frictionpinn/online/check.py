@@ -44,7 +44,11 @@ def check_sensors(mechanism: Mechanism) -> None:
 
 
 def parameter_vector(mechanism: Mechanism, names: Sequence[str], given: Mapping[str, float]) -> np.ndarray:
-    """All parameters in the order of ``names``, SI units; the system's own and the law's defaults where not given."""
+    """All parameters in the order of ``names``, SI units; the system's own and the law's defaults where not given.
+
+    Raises:
+        UserError: an unknown name, a value that is missing or out of its range, static below Coulomb friction.
+    """
     known = {par.name: par.value for par in mechanism.parameters} | mechanism.system.values
     for name in given:
         if name not in names:
@@ -60,6 +64,7 @@ def parameter_vector(mechanism: Mechanism, names: Sequence[str], given: Mapping[
             unit = readable_unit(mechanism.system.unit(par))
             raise UserError("parameter out of its physical range", where=f"parameters.{name}", received=value,
                             allowed=f"{par.low:g} to {par.high:g} {unit}")  # fmt: skip
+    mechanism.law.check_order(values, "parameters")  # type: ignore[arg-type]
     return np.array([float(values[name]) for name in names])  # type: ignore[arg-type]
 
 

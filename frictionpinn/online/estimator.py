@@ -60,7 +60,7 @@ class OnlineEstimator:
             identification, counts in the interval.
 
     Raises:
-        UserError: an unknown parameter or one without value, an effect on sensors.
+        UserError: an unknown parameter or one without value, mu_s below mu_c, an effect on sensors.
     """
 
     def __init__(

@@ -208,6 +208,10 @@ def test_a_surface_that_changes_is_followed_and_one_that_does_not_is_left_alone(
         (lambda e: e.update(0.0, {"theta": "high"}), "not a number: theta is 'high'"),
         (lambda e: e.update(0.0, {"theta": np.ones(3)}), "not a number: theta is array"),
         (lambda e: OnlineEstimator(e.mechanism, case("pob")[1] | {"mu_c": -1.0}, e.tuning), "mu_c is -1.0; allowed: 0"),
+        (
+            lambda e: OnlineEstimator(e.mechanism, case("pob")[1] | {"mu_s": 0.1}, e.tuning),
+            r"static below Coulomb friction: parameters\.mu_s is 0\.1; allowed: at least mu_c = ",
+        ),
         (lambda e: OnlineEstimator(e.mechanism, case("pob")[1], e.tuning, {"mu_c": "fast"}), "cannot adapt"),
         (lambda e: OnlineEstimator(e.mechanism, {}, e.tuning), "parameter without a finite value"),
         (lambda e: OnlineEstimator(e.mechanism, {"mu": 1.0}, e.tuning), "unknown parameter"),
