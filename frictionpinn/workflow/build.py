@@ -173,10 +173,14 @@ def _from_files(cfg: Config, system: System) -> Recording:
     allowed = {**known, "start": "s"}
     trial_column = cfg.get("trial_column")
     present = columns_of(_paths(cfg["path"])[0], cfg.get("delimiter"))
-    columns = mapping(cfg, "columns", "data")
-    if cfg.get("columns") is None:
-        columns = {name: name for name in allowed if name in present}
-    if cfg.get("columns") is None or "t" in present:
+    given = mapping(cfg, "columns", "data")
+    for name in given:
+        choose(name, allowed, "data.columns")
+    columns = {name: column for name, column in given.items() if column not in (None, "")}
+    by_name = not columns  # what is left out alone (x: null) leaves the others as they are found
+    if by_name:
+        columns = {name: name for name in allowed if name in present and name not in given}
+    if by_name or "t" in present:
         columns.setdefault("t", "t")
     if trial_column not in (None, "trial", *present):
         raise UserError("unknown column", where="data.trial_column", received=repr(trial_column),
@@ -184,13 +188,10 @@ def _from_files(cfg: Config, system: System) -> Recording:
                         fix=nearest(trial_column, present) or "use one of the columns present")  # fmt: skip
     if trial_column is not None and trial_column not in present:
         trial_column = None
-    if cfg.get("columns") is None and present[:1] == ["c1"] and not set(known).intersection(present):
+    if by_name and present[:1] == ["c1"] and not set(known).intersection(present):
         raise UserError("no header row", where=_paths(cfg["path"])[0], received=f"numbers in {len(present)} columns",
                         allowed="a first row that names the columns, or their places: c1 is the first",
                         fix=f"say data.columns={{t: c1, {system.moving[0].signals[0]}: c2, ...}}")  # fmt: skip
-    unknown = [name for name in columns if name not in allowed]
-    if unknown:
-        choose(unknown[0], allowed, "data.columns")
     _require_motion(columns, system, present)
     recording = read_recording(
         _paths(cfg["path"]),

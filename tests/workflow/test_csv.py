@@ -71,6 +71,13 @@ def test_columns_that_are_not_needed_are_ignored(contact, csv):
     same(plain, read)
 
 
+@pytest.mark.parametrize("option", ["data.columns={a: null}", "data.columns={a: ''}"])
+def test_a_column_is_left_out_and_the_others_are_found_by_name(contact, csv, option):
+    data, _ = contact(csv(), option)
+    assert "a" not in data.recording.trials[0].signals
+    assert {"x", "v", "theta", "omega", "alpha"} <= set(data.recording.trials[0].signals)
+
+
 def test_missing_velocities_and_accelerations_are_derived(contact, csv):
     data, read = contact(csv(lambda table: table[["trial", "t", "x", "theta"]]))
     assert set(data.recording.trials[0].signals) == {"x", "theta"}
