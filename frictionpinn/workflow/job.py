@@ -12,6 +12,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 from typing import IO, Any
 
 from ..progress import SHORT, in_words
@@ -64,6 +65,7 @@ class Worker:
 
 
 _worker: Worker | None = None
+_spent: dict[Path, list[float]] = {}  # s, by the folder of a sweep: on its jobs that this process has seen finished
 
 
 def _worker_for(environment: dict[str, str]) -> Worker:
@@ -116,14 +118,15 @@ def settled(cfg: dict[str, Any], folder: str | Path, command: str) -> Outcome:
     if result is None:
         return Outcome(None, f"{label}: {status.get('error', UNWRITTEN)}")
     spent = time.perf_counter() - begin
-    return Outcome(kind.score(result), f"{label}: {kind.line(result)}, {spent:.1f} s{_left(folder, spent)}")
+    _spent.setdefault(folder.parent, []).append(spent)
+    return Outcome(kind.score(result), f"{label}: {kind.line(result)}, {spent:.1f} s{_left(folder)}")
 
 
-def _left(folder: Path, seconds: float) -> str:
-    """How long the sweep may still take where every job takes as long as this one and as many run side by side."""
+def _left(folder: Path) -> str:
+    """How long the sweep may still take where jobs take as long as those so far on average, as many side by side."""
     jobs = [folder.parent / job["folder"] for job in (read_json(folder.parent / MANIFEST) or {}).get("jobs", [])]
     states = [status_of(job)["state"] for job in jobs if result_of(job) is None]
-    rest = seconds * (len(states) - states.count("failed")) / (1 + states.count("running"))
+    rest = fmean(_spent[folder.parent]) * (len(states) - states.count("failed")) / (1 + states.count("running"))
     return f", about {in_words(rest)} left" if rest > SHORT else ""
 
 

@@ -15,7 +15,16 @@ from omegaconf import OmegaConf
 from sweeping import SWEEP, running, start, wait_for
 
 from frictionpinn.errors import UserError
-from frictionpinn.workflow.manifest import Job, digest, read_manifest, result_of, set_status, write_json
+from frictionpinn.workflow import job
+from frictionpinn.workflow.manifest import (
+    Job,
+    digest,
+    read_manifest,
+    result_of,
+    set_status,
+    write_json,
+    write_manifest,
+)
 from frictionpinn.workflow.resume import resumed
 from frictionpinn.workflow.summary import groups, summarise_sweep
 from frictionpinn.workflow.summary_figure import summary_figure
@@ -101,6 +110,24 @@ def test_the_summary_has_a_row_for_each_job_and_mean_and_spread_for_each_group(t
     out = capsys.readouterr().out
     assert "1.5 ± 0.71 N" in out and "3 of 4 jobs finished" in out and "1 of 2" in out
     assert (tmp_path / "summary.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_time_that_is_left_is_told_from_all_jobs_done_so_far(tmp_path, monkeypatch):
+    jobs = planned(tmp_path, [result("bb1", seed, 1.0) for seed in range(4)])
+    write_manifest(tmp_path, [], [], jobs)
+    results = {name: (tmp_path / name / "result.json").read_bytes() for name in (own.folder for own in jobs)}
+    for name in results:
+        (tmp_path / name / "result.json").unlink()
+    clock = iter([0.0, 100.0, 100.0, 120.0])  # the first job takes 100 s, the second 20 s
+
+    class Finishing:
+        def run(self, cfg, folder, command):
+            (folder / "result.json").write_bytes(results[folder.name])
+
+    monkeypatch.setattr(job, "_worker_for", lambda environment: Finishing())
+    monkeypatch.setattr(job.time, "perf_counter", lambda: next(clock))
+    told = [job.settled({}, tmp_path / own.folder, "train").line for own in jobs[:2]]
+    assert told[0].endswith("100.0 s, about 5 min left") and told[1].endswith("20.0 s, about 2 min left")
 
 
 def test_jobs_of_several_commands_have_every_option_that_one_of_these_varied(tmp_path, capsys):
