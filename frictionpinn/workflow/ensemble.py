@@ -27,7 +27,10 @@ def size_of(cfg: Config) -> int:
     size = cfg.get("ensemble", 1)
     if isinstance(size, bool) or not isinstance(size, int) or size < 1:
         raise UserError("impossible ensemble", where="ensemble", received=repr(size), allowed="a whole number from 1")
-    choose(cfg.get("ensemble_over", "seed"), dict.fromkeys(("seed", "noise")), "ensemble_over")
+    over = choose(cfg.get("ensemble_over", "seed"), {"seed": "seed", "noise": "noise"}, "ensemble_over")
+    if size == 1 and over != "seed":
+        raise UserError("an option that nothing reads", where="ensemble_over", received=over,
+                        allowed="with ensemble from 2", fix="say ensemble=8, or leave it out")  # fmt: skip
     return size
 
 

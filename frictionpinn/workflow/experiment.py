@@ -37,7 +37,7 @@ from .configs import written
 # What nothing reads of a network with windows, and as what it may stand there.
 OF_STATE: dict[str, dict[str, Any]] = {
     "loss": {"through": None, "compare": None},
-    "state": {"gaps": False, "delay": False, "start": "law"},
+    "state": {"elements": 2, "gaps": False, "delay": False, "start": "law"},
 }
 
 
@@ -97,22 +97,30 @@ def build_model(cfg: Config, system: System, data: TrajectoryData) -> FrictionMo
     train = data.select("train")
     common = common_options(cfg)
     common["context"] = {"system": cfg["system"]["name"], "equations": system.equations, "values": dict(system.values)}
+    share = model.get("share", False)
+    if not isinstance(share, bool):
+        raise UserError("not a switch", where="model.share", received=repr(share), allowed="true or false")
     if len(system.contacts) > 1:
-        share = model.get("share", False)
-        if not isinstance(share, bool):
-            raise UserError("not a switch", where="model.share", received=repr(share), allowed="true or false")
         own = {name: _map(cfg, system, name, [trial.at(name) for trial in train]) for name in train[0].contacts}
         for name, options in own.items() if remembers(model) else ():
             options["state"], more = _state(cfg, [trial.at(name) for trial in train])
             options["scales"] |= more
         return SeveralContacts(**common, contacts=own, balance=_balance_scales(train), share=share)
+    if share:
+        raise UserError("an option that nothing reads", where="model.share", received="true",
+                        allowed="with several contacts", fix="leave it out")  # fmt: skip
     own = _map(cfg, system, "", train)
     if remembers(model):
         offline, _ = build_smoothing(cfg["smoothing"])
         positions = compares_position(cfg["model"]["loss"].get("compare"), train, system)
         noise = input_noise(data.recording, system, offline, train, positions)
         state, more = _state(cfg, train, mobility(system, train), noise)
-        return StateModel(**common, **own | {"scales": own["scales"] | more}, state=state)
+        made = StateModel(**common, **own | {"scales": own["scales"] | more}, state=state)
+        if made.through == "motion" and made.loss["force"] != "normalised":  # its residuals are in noises
+            raise UserError("an option that nothing reads", where="model.loss.force", received=made.loss["force"],
+                            allowed="normalised with model.loss.through=motion", fix="leave it out, or say "
+                            "model.loss.through=balance")  # fmt: skip
+        return made
     return kind(**common, **own)
 
 

@@ -154,11 +154,20 @@ def test_an_impossible_number_of_bristles_is_told(stateful, elements):
         stateful("bb2", state={"elements": elements})
 
 
-@pytest.mark.parametrize("option", ["model.state.gaps=true", "model.state.start=reach", "model.loss.through=motion"])
+@pytest.mark.parametrize(
+    "option",
+    ["model.state.gaps=true", "model.state.start=reach", "model.state.elements=3", "model.loss.through=motion"],
+)
 def test_an_option_of_networks_with_a_state_is_refused_of_one_with_windows(option):
     with pytest.raises(UserError, match=f"{option.partition('=')[0]} is .*say model.memory=state"):
         check_memory(composed("train", ["model=bb2", option]))
     check_memory(composed("train", ["model=bb2", option, "model.memory=state"]))
+
+
+def test_a_scale_of_the_force_is_refused_where_a_training_goes_through_the_motion(stateful):
+    with pytest.raises(UserError, match=r"model.loss.force is plain; .*say model.loss.through=balance"):
+        stateful("bb2", loss={"force": "plain"})
+    assert stateful("bb1", loss={"force": "plain"}).through == "balance"
 
 
 def test_friction_that_departs_from_proportion_to_the_load_costs_a_black_box(stateful, batch):

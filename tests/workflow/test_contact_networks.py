@@ -123,6 +123,11 @@ def test_shared_networks_have_the_same_weights_and_scales_of_their_own():
     assert own - shared == sum(p.numel() for p in box.network.parameters())
 
 
+def test_shared_networks_are_refused_of_one_contact():
+    with pytest.raises(UserError, match=r"model.share is true; allowed: with several contacts"):
+        built("model=bb1", "model.share=true")
+
+
 def test_a_contact_declared_without_friction_has_no_map():
     options = ["model=pe1", "system=pob_hinge", "friction.hinge=none", "data.friction={box: lugre, hinge: none}"]
     cfg = composed("train", [*SMALL, *options])

@@ -28,6 +28,11 @@ def evaluated(folder: Path) -> list[float]:
     return [errors[way]["force_mse"]["value"] for way in ("online", "in_simulation")]
 
 
+def test_what_an_ensemble_is_over_is_refused_of_a_single_model(quick, tmp_path):
+    with pytest.raises(UserError, match="ensemble_over is noise; allowed: with ensemble from 2"):
+        quick(tmp_path, "model=bb1", "ensemble_over=noise")
+
+
 @pytest.fixture(scope="module")
 def run(quick, tmp_path_factory):
     """Three members over noise, with a checkpoint at every second epoch."""
