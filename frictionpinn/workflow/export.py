@@ -21,7 +21,7 @@ from ..models import StateModel
 from ..physics import System
 from ..physics.base import at_contact, contact_of, plain_name
 from .build import Config, at_one_rate, build_recording
-from .load import load_run, refined
+from .load import check_recording, load_run, refined
 from .manifest import write_json
 from .provenance import commit, versions
 from .robot_export import export_robot, robot_of
@@ -54,8 +54,8 @@ def export(cfg: Config) -> dict[str, Details]:
         form (``hinge.c`` with several contacts) -> what stands in its ``export.json``.
 
     Raises:
-        UserError: an unknown form, an extra that is not installed, a folder that is no run, an export that differs
-            from its model.
+        UserError: an unknown form, an extra that is not installed, a folder that is no run, a recording that has
+            changed since the training, an export that differs from its model.
     """
     wanted = cfg["export"] if isinstance(cfg["export"], list) else [cfg["export"]]
     if robot := robot_of(cfg["run"]):
@@ -63,7 +63,8 @@ def export(cfg: Config) -> dict[str, Details]:
     quiet()
     names = [str(name) for name in wanted if choose(str(name), EXPORTS, "export")]
     trained, system, model = load_run(cfg["run"])
-    interval, better, results = sampling_interval(trained, system), refined(cfg["run"]), dict[str, Details]()
+    interval = sampling_interval(cfg["run"], trained, system)
+    better, results = refined(cfg["run"]), dict[str, Details]()
     for contact in model.contacts:
         values = {plain_name(name): value for name, value in better.items() if contact_of(name) == contact}
         own = model.map_of(contact)
@@ -98,10 +99,16 @@ def told(name: str, folder: Path, details: Details) -> str:
     return text
 
 
-def sampling_interval(trained: Config, system: System) -> float:
-    """Time between the samples that a run was trained on, s."""
+def sampling_interval(run: str | Path, trained: Config, system: System) -> float:
+    """Time between the samples that a run was trained on, s.
+
+    Raises:
+        UserError: its recording has changed since.
+    """
     data = trained["data"]
     if data["name"] == "simulated":
         return 1.0 / float(data["rate_hz"])
-    trial = at_one_rate(build_recording(data, system)).trials[0]
+    recording = build_recording(data, system)
+    check_recording(run, recording)
+    trial = at_one_rate(recording).trials[0]
     return float(np.median(np.diff(trial.t)))

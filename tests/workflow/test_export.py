@@ -48,4 +48,14 @@ def test_the_time_between_samples_is_that_of_the_trials_as_a_network_saw_them(tm
         pd.DataFrame(columns).to_csv(tmp_path / f"{trial}.csv", index=False)
     paths = f"data.path=[{tmp_path}/a.csv,{tmp_path}/b.csv]"
     trained = composed("train", ["system=drive", "data=csv", paths, "data.held_out=[]"])
-    assert sampling_interval(trained, SYSTEMS["drive"]()) == pytest.approx(1 / 200)
+    (tmp_path / "result.json").write_text("{}")
+    assert sampling_interval(tmp_path, trained, SYSTEMS["drive"]()) == pytest.approx(1 / 200)
+
+
+def test_a_recording_that_changed_since_the_training_tells_no_interval(quick, csv, tmp_path):
+    folder = tmp_path / "run"
+    quick(folder, "data=csv", f"data.path={csv()}", "model=bb1")
+    csv(lambda table: table.assign(t=2 * table["t"]))
+    with pytest.raises(UserError, match=r"not the recording that the run was trained on: .*run\.csv"):
+        export({"run": str(folder), "export": "c"})
+    assert not (folder / "export").exists()
