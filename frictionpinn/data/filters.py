@@ -24,11 +24,19 @@ Motion = dict[str, np.ndarray]  # signals by name, and what is known of the wind
 
 @dataclass(frozen=True)
 class Sampled:
-    """A trial's signals on an even grid: its name, the interval, s, and samples by name, SI units."""
+    """A trial's signals on an even grid, SI units.
+
+    Attributes:
+        name: of the trial.
+        dt: interval, s.
+        signals: samples by name.
+        recorded: times and samples by name, as they were before: between these an even grid averages noise away.
+    """
 
     name: str
     dt: float
     signals: dict[str, np.ndarray]
+    recorded: dict[str, tuple[np.ndarray, np.ndarray]]
 
     @property
     def span(self) -> float:
@@ -42,11 +50,7 @@ class Sampled:
 
 def sampled(recording: Recording, names: Sequence[str]) -> tuple[list[Sampled], dict[str, float]]:
     """The trials on even grids, and the noise of every signal, SI units; of a long recording the first part."""
-    trials, left, sigmas = [], MOST_SAMPLES, {}
-    for name in names:
-        series = [(t.t[:left], t.signals[name][:left]) for t in recording.trials if name in t.signals]
-        if series:
-            sigmas[name] = difference_sigma(series)
+    trials, left = [], MOST_SAMPLES
     for trial in recording.trials:
         own = {name: np.asarray(trial.signals[name][:left], float) for name in names if name in trial.signals}
         t = trial.t[:left]
@@ -55,18 +59,19 @@ def sampled(recording: Recording, names: Sequence[str]) -> tuple[list[Sampled], 
         left -= len(t)
         dt = float(np.median(np.diff(t)))
         grid = np.arange(t[0], t[-1] + 0.5 * dt, dt) if np.ptp(t) / dt < 4 * len(t) else t
-        trials.append(Sampled(trial.name, dt, {name: np.interp(grid, t, values) for name, values in own.items()}))
+        even = {name: np.interp(grid, t, values) for name, values in own.items()}
+        trials.append(Sampled(trial.name, dt, even, {name: (t, values) for name, values in own.items()}))
         if left < FEWEST:
             break
-    return trials, sigmas
+    return trials, noises(trials)
 
 
 def noises(trials: Sequence[Sampled]) -> dict[str, float]:
     """The noise of every signal of some of the trials, SI units; none where it has one value."""
     series: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for trial in trials:
-        for name, values in trial.signals.items():
-            series.setdefault(name, []).append((trial.dt * np.arange(len(values)), values))
+        for name in trial.signals:
+            series.setdefault(name, []).append(trial.recorded[name])
     varies = {name: min(y.min() for _, y in own) < max(y.max() for _, y in own) for name, own in series.items()}
     return {name: difference_sigma(own) if varies[name] else 0.0 for name, own in series.items()}
 

@@ -16,6 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from wrong_log_kinds import KINDS, measured_folder
 from wrong_logs import MEASURED, ended
 
+from frictionpinn.data.filters import noises, sampled
 from frictionpinn.data.inspect import inspect
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.recording import Recording, Trial
@@ -47,6 +48,14 @@ def test_a_wrong_log_ends_in_a_right_answer_or_in_a_line_that_names_the_fault(na
         pytest.skip("the measured recordings are not on this machine (FRICTIONPINN_DATA)")
     end = ended(KINDS[name])
     assert end.how in ("right", "named"), end.line
+
+
+def test_the_noise_of_a_trial_is_that_of_its_recording_though_its_clock_jitters():
+    rng = np.random.default_rng(0)
+    t = np.arange(4000) / 1000 + rng.uniform(0, 0.6e-3, 4000)
+    recording = Recording((Trial("1", t, {"x": np.sin(t) + 0.01 * rng.standard_normal(4000)}),), {"x": "m"})
+    trials, sigmas = sampled(recording, ["x"])
+    assert noises(trials) == sigmas and sigmas["x"] == pytest.approx(0.01, rel=0.1)
 
 
 def clean(name: str, rate: float, noise: float, seed: int) -> tuple[Recording, object]:
