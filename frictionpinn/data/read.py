@@ -86,6 +86,21 @@ def read_recording(
     return recording
 
 
+def tells_starts(paths: Paths, trial_column: str | None, delimiter: str | None, decimal: str | None) -> bool:
+    """Whether the column ``start`` is one time in every trial, as a saved recording has it: elsewhere it may be a flag,
+    a text or a place."""
+    for file in find_files(paths):
+        table = load_table(file, delimiter, decimal, trial_column)
+        try:
+            values, _ = _raw(table, "start", "start", None)
+        except UserError:
+            return False
+        trials = (values[rows] for _, rows in _groups(table, trial_column, len(values)))
+        if not all(np.isfinite(own).all() and np.ptp(own) == 0 for own in trials):
+            return False
+    return True
+
+
 def find_files(paths: Paths) -> list[Path]:
     """Return the files that ``paths`` names, each once; of a folder or pattern as names and numbers count.
 

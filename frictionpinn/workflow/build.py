@@ -11,7 +11,7 @@ import numpy as np
 from ..data.check import check_trial
 from ..data.noise import GaussianNoise, Noise, NoNoise, OutlierNoise, QuantisedNoise
 from ..data.prepare import resample, thin
-from ..data.read import read_recording
+from ..data.read import read_recording, tells_starts
 from ..data.recording import Recording
 from ..data.sets import load_public
 from ..data.simulated import simulate_recording
@@ -188,6 +188,9 @@ def _from_files(cfg: Config, system: System) -> Recording:
                         fix=nearest(trial_column, present) or "use one of the columns present")  # fmt: skip
     if trial_column is not None and trial_column not in present:
         trial_column = None
+    marks: dict[str, Any] = {"delimiter": cfg.get("delimiter"), "decimal": cfg.get("decimal")}
+    if by_name and "start" in columns and not tells_starts(_paths(cfg["path"]), trial_column, **marks):
+        del columns["start"]
     if by_name and present[:1] == ["c1"] and not set(known).intersection(present):
         raise UserError("no header row", where=_paths(cfg["path"])[0], received=f"numbers in {len(present)} columns",
                         allowed="a first row that names the columns, or their places: c1 is the first",
@@ -200,8 +203,7 @@ def _from_files(cfg: Config, system: System) -> Recording:
         signal_units=known,
         trial_column=trial_column,
         gains=mapping(cfg, "gains", "data"),
-        delimiter=cfg.get("delimiter"),
-        decimal=cfg.get("decimal"),
+        **marks,
     )
     for trial in recording.trials:
         for name, values in trial.signals.items():

@@ -78,6 +78,20 @@ def test_a_column_is_left_out_and_the_others_are_found_by_name(contact, csv, opt
     assert {"x", "v", "theta", "omega", "alpha"} <= set(data.recording.trials[0].signals)
 
 
+@pytest.mark.parametrize("kind", ["a flag that rises", "text", "a gap"])
+def test_a_column_called_start_that_is_no_time_of_a_trial_is_ignored(contact, csv, kind):
+    _, plain = contact(csv())
+    late = {"a flag that rises": (0, 1), "text": ("idle", "run"), "a gap": (np.nan, 1.0)}[kind]
+    data, read = contact(csv(lambda table: table.assign(start=np.where(table.t > 0.2, late[1], late[0]))))
+    same(plain, read)
+    assert "ignored: start" in data.recording.notes[0]
+
+
+def test_a_column_called_start_that_is_a_time_of_each_trial_is_read(contact, csv):
+    data, _ = contact(csv(lambda table: table.assign(start=60.0 * (table.trial == table.trial.iloc[-1]))))
+    assert [trial.start for trial in data.recording.trials][-1] == 60.0
+
+
 def test_missing_velocities_and_accelerations_are_derived(contact, csv):
     data, read = contact(csv(lambda table: table[["trial", "t", "x", "theta"]]))
     assert set(data.recording.trials[0].signals) == {"x", "theta"}
