@@ -96,7 +96,7 @@ def run(main: Callable[[], None], name: str, failures: list[BaseException]) -> N
             return
         asked = parsed(sys.argv[1:])
         if not (asked.hydra_help or asked.shell_completion or asked.info):
-            arguments = with_files(contact_options(saved_friction(resumed(sys.argv[1:]))))
+            arguments = with_files(contact_options(saved_friction(resumed(sys.argv[1:], name))))
             check_command_line(CONF, name, arguments)
             given = parsed(arguments).overrides  # Hydra wants its flags together
             sys.argv[1:] = [

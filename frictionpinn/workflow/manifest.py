@@ -122,7 +122,7 @@ def check_free(folder: Path, ckpt_path: str | None) -> bool:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """The manifest of a sweep's folder.
+    """The manifest of a sweep's folder; its ``command`` is None where an earlier version wrote it.
 
     Raises:
         UserError: there is none, or it is damaged.
@@ -131,7 +131,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     try:
         assert manifest is not None
         jobs = [Job(**job) for job in manifest["jobs"]]
-        return {"arguments": list(manifest["arguments"]), "launch": list(manifest["launch"]), "jobs": jobs}
+        given = {key: list(manifest[key]) for key in ("arguments", "launch")}
+        return {"command": manifest.get("command"), **given, "jobs": jobs}
     except (AssertionError, KeyError, TypeError) as error:
         missing = not (folder / MANIFEST).exists()
         raise UserError(
@@ -143,6 +144,14 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         ) from error
 
 
-def write_manifest(folder: Path, arguments: list[str], launch: list[str], jobs: list[Job]) -> None:
+def write_manifest(folder: Path, command: str, arguments: list[str], launch: list[str], jobs: list[Job]) -> None:
     """Record what the sweep consists of, before it starts."""
-    write_json(folder / MANIFEST, {"arguments": arguments, "launch": launch, "jobs": [asdict(job) for job in jobs]})
+    told = {"command": command, "arguments": arguments, "launch": launch, "jobs": [asdict(job) for job in jobs]}
+    write_json(folder / MANIFEST, told)
+
+
+def check_command(folder: str | Path, held: str | None, command: str, where: str, fix: str) -> None:
+    """Raise :class:`UserError` where a folder holds the run or sweep of another command, by their names."""
+    if held not in (None, command):
+        raise UserError("a folder of another command", where=where, received=f"{folder}, of {held}",
+                        allowed=f"one of {command}", fix=fix)  # fmt: skip

@@ -8,24 +8,26 @@ from pathlib import Path
 from omegaconf import OmegaConf
 
 from ..errors import UserError, nearest
-from .configs import quote
-from .manifest import MANIFEST, RESULT, read_manifest
+from .configs import called, quote
+from .manifest import MANIFEST, RESULT, check_command, read_manifest
 from .options import parsed
 
 _MANNER = ("hydra", "threads", "trainer.threads", "trainer.progress_bar", "trainer.max_epochs")
 
 
-def resumed(arguments: Sequence[str]) -> list[str]:
+def resumed(arguments: Sequence[str], command: str) -> list[str]:
     """Replace ``resume=FOLDER`` by the options that the folder was started with.
 
     Args:
+        command: that goes on, by its name.
         arguments: of the command line; others than resume= may say how to compute, not what.
 
     Returns:
         The arguments as they are where there is no resume= among them.
 
     Raises:
-        UserError: no such folder, nothing to go on with, further options that would make it another experiment.
+        UserError: no such folder, one of another command, nothing to go on with, further options that would make it
+            another experiment.
     """
     given = parsed(arguments).overrides
     chosen = [item for item in given if item.startswith("resume=")]
@@ -48,9 +50,19 @@ def resumed(arguments: Sequence[str]) -> list[str]:
         raise UserError(
             "no such folder", where="resume", received=str(folder), fix=nearest(folder, near) or "name a run's folder"
         )
+    held = _command(folder)
+    check_command(folder, held, command, "resume", f"say {called(held or command)} resume={folder}")
     if (folder / MANIFEST).exists():
         return [*flags, *_sweep(folder, others)]
     return [*flags, *_run(folder, others)]
+
+
+def _command(folder: Path) -> str | None:
+    """The command whose sweep or run a folder holds, the last one of several; None where that is not told."""
+    if (folder / MANIFEST).exists():
+        return read_manifest(folder)["command"]
+    record = folder / ".hydra" / "hydra.yaml"
+    return OmegaConf.select(OmegaConf.load(record), "hydra.job.name") if record.is_file() else None
 
 
 def _sweep(folder: Path, others: list[str]) -> list[str]:

@@ -16,7 +16,18 @@ from omegaconf.errors import OmegaConfBaseException
 from ..errors import Interrupted, UserError, unwritable
 from . import cli
 from .configs import called, quote
-from .manifest import MANIFEST, STATUS, Job, digest, read_manifest, result_of, set_status, status_of, write_manifest
+from .manifest import (
+    MANIFEST,
+    STATUS,
+    Job,
+    check_command,
+    digest,
+    read_manifest,
+    result_of,
+    set_status,
+    status_of,
+    write_manifest,
+)
 from .swept import KINDS
 
 log = logging.getLogger(__name__)
@@ -92,7 +103,11 @@ class Sweep:
 
     def _plan(self) -> list[Job]:
         """Jobs of this command in their order; known ones keep number and folder, whatever else was there before."""
-        known = read_manifest(self.folder)["jobs"] if (self.folder / MANIFEST).exists() else []
+        known: list[Job] = []
+        if (self.folder / MANIFEST).exists():
+            manifest = read_manifest(self.folder)
+            check_command(self.told, manifest["command"], self.command, "hydra.sweep.dir", "sweep in another folder")
+            known = manifest["jobs"]
         by_digest = {job.digest: job for job in known}
         number = 1 + max((job.number for job in known), default=-1)
         jobs: list[Job] = []
@@ -112,7 +127,8 @@ class Sweep:
                 jobs.append(job)
         rest = [job for job in known if job.digest not in {job.digest for job in jobs}]
         _check_folders([*rest, *jobs])
-        write_manifest(self.folder, self.arguments, self.launch, sorted([*rest, *jobs], key=lambda job: job.number))
+        every = sorted([*rest, *jobs], key=lambda job: job.number)
+        write_manifest(self.folder, self.command, self.arguments, self.launch, every)
         return jobs
 
     def _folder(self, cfg: DictConfig, number: int) -> str:
@@ -127,6 +143,9 @@ class Sweep:
         half = [job.folder for job in todo if (self.folder / job.folder / "checkpoints" / "last.ckpt").exists()]
         if half:
             print(f"going on from their last checkpoint: {', '.join(half)}", flush=True)
+        others = [job for job in read_manifest(self.folder)["jobs"] if job.folder not in {own.folder for own in jobs}]
+        if left := [job.folder for job in others if not result_of(self.folder / job.folder)]:
+            print(f"of earlier commands, and not gone on with: {', '.join(left)}; give these again", flush=True)
 
     def _launch(self, launcher: Any, jobs: list[Job]) -> None:
         """Launch jobs; those lost with a worker of the launcher itself are launched once more, each alone."""

@@ -79,7 +79,7 @@ def test_hyper_parameters_and_what_they_reached_are_recorded(run):
 def test_options_that_a_sweep_varies_are_among_the_hyper_parameters(tmp_path, configure):
     cfg = configure("model.network.activation=tanh", "data.rate_hz=100", "system.parameters.d=0.3")
     swept = {"data.rate_hz": "100", "model": "pe2", "experiment": "paper", "system.parameters.d": "0.3"}
-    write_manifest(tmp_path, [], [], [Job(0, "0_job", "", swept, [])])
+    write_manifest(tmp_path, "train", [], [], [Job(0, "0_job", "", swept, [])])
     told = hyper_parameters(cfg, tmp_path / "0_job")
     assert told["data.rate_hz"] == 100 and told["experiment"] == "paper" and told["system.parameters.d"] == 0.3
     assert "model" not in told and told["model.name"] == "pe2"

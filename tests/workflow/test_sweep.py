@@ -114,7 +114,7 @@ def test_the_summary_has_a_row_for_each_job_and_mean_and_spread_for_each_group(t
 
 def test_the_time_that_is_left_is_told_from_all_jobs_done_so_far(tmp_path, monkeypatch):
     jobs = planned(tmp_path, [result("bb1", seed, 1.0) for seed in range(4)])
-    write_manifest(tmp_path, [], [], jobs)
+    write_manifest(tmp_path, "train", [], [], jobs)
     results = {name: (tmp_path / name / "result.json").read_bytes() for name in (own.folder for own in jobs)}
     for name in results:
         (tmp_path / name / "result.json").unlink()
@@ -251,19 +251,37 @@ def test_resume_of_a_sweep_gives_back_its_command(tmp_path):
     (tmp_path / "manifest.json").write_text(
         json.dumps({"arguments": ["model=bb1,pe1", "seed=0,1"], "launch": ["hydra/launcher=joblib"], "jobs": []})
     )
-    told = resumed([f"resume={tmp_path}"])
+    told = resumed([f"resume={tmp_path}"], "train")
     assert told == ["-m", "hydra/launcher=joblib", "model=bb1,pe1", "seed=0,1", f"hydra.sweep.dir='{tmp_path}'"]
-    told = resumed([f"resume={tmp_path}", "hydra/launcher=basic"])
+    told = resumed([f"resume={tmp_path}", "hydra/launcher=basic"], "train")
     assert "hydra/launcher=basic" in told and "hydra/launcher=joblib" not in told
 
 
 def test_resume_of_a_run_goes_on_in_its_folder(tmp_path):
     (tmp_path / ".hydra").mkdir()
     (tmp_path / ".hydra" / "overrides.yaml").write_text("- model=bb1\n- ckpt_path=old.ckpt\n")
-    assert resumed([f"resume={tmp_path}"]) == ["model=bb1", f"hydra.run.dir='{tmp_path}'"]
+    assert resumed([f"resume={tmp_path}"], "train") == ["model=bb1", f"hydra.run.dir='{tmp_path}'"]
     (tmp_path / "checkpoints").mkdir()
     (tmp_path / "checkpoints" / "last.ckpt").touch()
-    assert resumed([f"resume={tmp_path}"])[-1] == f"ckpt_path='{tmp_path}/checkpoints/last.ckpt'"
+    assert resumed([f"resume={tmp_path}"], "train")[-1] == f"ckpt_path='{tmp_path}/checkpoints/last.ckpt'"
+
+
+def test_what_another_command_left_in_a_folder_is_not_gone_on_with(tmp_path):
+    (tmp_path / ".hydra").mkdir()
+    (tmp_path / ".hydra" / "overrides.yaml").write_text("- system=drive\n")
+    (tmp_path / ".hydra" / "hydra.yaml").write_text("hydra: {job: {name: identify}}\n")
+    with pytest.raises(UserError, match=rf"another command: resume is {tmp_path}, of identify; .* resume={tmp_path}$"):
+        resumed([f"resume={tmp_path}"], "train")
+    assert resumed([f"resume={tmp_path}"], "identify")[0] == "system=drive"
+    write_manifest(tmp_path, "diagnose", [], [], [])
+    with pytest.raises(UserError, match=rf"another command: resume is {tmp_path}, of diagnose"):
+        resumed([f"resume={tmp_path}"], "train")
+
+
+def test_a_sweep_in_the_folder_of_another_commands_sweep_is_refused(tmp_path):
+    write_manifest(tmp_path, "diagnose", [], [], [])
+    with pytest.raises(UserError, match=r"another command: hydra.sweep.dir is .*, of diagnose; allowed: one of train"):
+        sweep(tmp_path, [0])._plan()
 
 
 def test_what_cannot_be_resumed_is_said_in_one_line(tmp_path):
@@ -283,4 +301,4 @@ def test_what_cannot_be_resumed_is_said_in_one_line(tmp_path):
     }
     for arguments, message in cases.items():
         with pytest.raises(UserError, match=message):
-            resumed(list(arguments))
+            resumed(list(arguments), "train")
