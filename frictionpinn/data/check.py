@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Mapping
 import numpy as np
 
 from frictionpinn.data.recording import Recording, Trial
-from frictionpinn.data.thresholds import MIN_SAMPLES
+from frictionpinn.data.thresholds import LARGEST, MIN_SAMPLES
 from frictionpinn.errors import UserError
 
 
@@ -86,6 +86,17 @@ def check_recording(
                 fix=f"check which column '{signal}' reads, or leave it out: a number in place of a column stands for a "
                 f"constant, data.columns={{..., {signal}: {parts[0][0]:g}}}",
             )
+
+
+def check_sizes(recording: Recording) -> None:
+    """Raise :class:`UserError` for a value, SI units, whose powers are no numbers any more."""
+    for trial in recording.trials:
+        for name, values in trial.signals.items():
+            largest = float(np.nanmax(np.abs(values), initial=0.0))
+            if largest > LARGEST:
+                raise UserError("value that no mechanism has", where=f"{name}, trial {trial.name}",
+                                received=f"{largest:.3g}", allowed=f"up to {LARGEST:g} in SI units",
+                                fix="check the column and its unit")  # fmt: skip
 
 
 def _check_present(trial: Trial, where: str, required: Iterable[str]) -> None:

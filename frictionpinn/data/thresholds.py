@@ -15,6 +15,9 @@ TURN_SPREAD = 3.0  # times the usual change between two samples: by so much a ju
 TURN_ROUNDED = 1e-3  # rad: a turn in degrees that was written with one digit
 USUAL = 0.99  # quantile that stands for the largest: one sample in a hundred may be an outlier
 
+# Values
+LARGEST = 1e50  # of a recorded value, SI units: its powers still are numbers
+
 # What is looked at: seconds of computing; more samples of the same recording tell the same
 MOST_SAMPLES = 60_000  # of a recording
 LOOKED_AT = 20_000  # of a trial, by which it is told how fast signals change

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..data.check import check_sizes
 from ..data.read import Paths, find_files, read_recording
 from ..data.recording import Recording
 from ..data.tables import columns_of
@@ -73,7 +74,8 @@ def read_robot(
         gains, gear, coupling: see :func:`torques`.
 
     Raises:
-        UserError: as ``read_recording``; no positions, no torques, or not as many columns as joints.
+        UserError: as ``read_recording``; no positions, no torques, or not as many columns as joints; a value that no
+            mechanism has.
     """
     wanted, files = robot_units(robot), find_files(paths)
     present = columns_of(files[0], delimiter)
@@ -102,7 +104,9 @@ def read_robot(
         decimal=decimal,
     )
     used = ", ".join(f"{n} from {c}" for n, c in table.items() if n != c) or ", ".join(table)
-    return torques(replace(recording, notes=(f"columns used: {used}",)), robot, gains, gear, coupling)
+    recording = torques(replace(recording, notes=(f"columns used: {used}",)), robot, gains, gear, coupling)
+    check_sizes(recording)
+    return recording
 
 
 def torques(

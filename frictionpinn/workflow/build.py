@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..data.check import check_trial
+from ..data.check import check_sizes, check_trial
 from ..data.noise import GaussianNoise, Noise, NoNoise, OutlierNoise, QuantisedNoise
 from ..data.prepare import resample, thin
 from ..data.read import read_recording, tells_starts
@@ -25,7 +25,6 @@ from ..physics.contacts import by_parameter, law_named, laws_of
 
 Config = dict[str, Any]
 NAMED = 8  # columns by name in a line
-LARGEST = 1e50  # of a recorded value: its powers still are numbers
 
 NOISE: dict[str, Callable[..., Noise]] = {
     "none": NoNoise,
@@ -205,13 +204,7 @@ def _from_files(cfg: Config, system: System) -> Recording:
         gains=mapping(cfg, "gains", "data"),
         **marks,
     )
-    for trial in recording.trials:
-        for name, values in trial.signals.items():
-            largest = float(np.nanmax(np.abs(values), initial=0.0))
-            if largest > LARGEST:
-                raise UserError("value that no mechanism has", where=f"{name}, trial {trial.name}",
-                                received=f"{largest:.3g}", allowed=f"up to {LARGEST:g} in SI units",
-                                fix="check the column and its unit")  # fmt: skip
+    check_sizes(recording)
     named = [str(column) for column in (*columns.values(), trial_column)]
     read = {*named, *(column.partition("[")[0] for column in named)}  # the column itself, or one that holds lists
     ignored = [name for name in present if name not in read]

@@ -51,6 +51,12 @@ def test_torque_is_gain_times_gear_times_coupling_times_current(tmp_path, robot)
     np.testing.assert_allclose(trial.signals["tau_3"], motors[2])
 
 
+def test_a_torque_that_no_motor_has_is_refused(tmp_path, robot):
+    path = log(tmp_path, cur_1=1e160 * np.cos(np.arange(200) / 100))
+    with pytest.raises(UserError, match=r"no mechanism has: tau_2, trial log is 1e\+160; allowed: up to 1e\+50"):
+        read_robot(path, robot, columns={"t": "time", "q": "pos_*", "tau": "cur_*"})
+
+
 def test_degrees_are_a_unit_and_angles_that_wrap_are_unwrapped(tmp_path, robot):
     t = np.arange(200) / 100
     turned = np.degrees(4 * t)
