@@ -12,7 +12,10 @@ from ..show import readable_unit
 from .style import INK
 
 if TYPE_CHECKING:
+    from ..data.recording import Recording
     from ..identify.result import Estimate
+
+Seen = dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]  # trial -> times, and what was measured by signal
 
 MOST_TRIALS = 3  # in one figure: what fits on a screen
 
@@ -50,23 +53,22 @@ def parameters_figure(
     return figure
 
 
-def residuals_figure(estimate: Estimate) -> Figure:
+def residuals_figure(estimate: Estimate, recording: Recording | None = None) -> Figure:
     """The fit over the measurement, a column for each of the first trials: every signal that the model predicts as it
     was measured and as it was fitted, SI units; below, model minus measurement in multiples of the noise.
 
-    Of a search, which keeps no model, what is left alone.
+    A search keeps no model: without the ``recording``, what is left alone.
     """
-    models = {} if estimate.minimum is None else {m.trial: m for m in estimate.minimum.models}
+    seen, units = _measured(estimate, recording)
     trials = list(estimate.residuals)[:MOST_TRIALS]
-    outputs = next(iter(models.values())).outputs if models else ()
-    units = next(iter(models.values())).simulator.mechanism.system.signal_units if models else {}
+    outputs = tuple(next(iter(seen.values()))[1]) if seen else ()
     size = max(9, 4.2 * len(trials)), 1.6 + 1.9 * (len(outputs) + 1)
     figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(len(outputs) + 1, len(trials), squeeze=False, sharex="col", sharey="row")
     for column, name in zip(grid.T, trials, strict=True):
-        residuals, model = estimate.residuals[name], models.get(name)
-        t = np.arange(len(next(iter(residuals.values())))) if model is None else model.t
-        for axes, signal, y in zip(column, outputs, () if model is None else model.y, strict=False):
+        residuals = estimate.residuals[name]
+        t, measured = seen.get(name) or (np.arange(len(next(iter(residuals.values())))), {})
+        for axes, (signal, y) in zip(column, measured.items(), strict=False):
             axes.plot(t, y, ".", ms=3, color=INK["baseline"], label="measured")
             axes.plot(t, y + residuals[signal], lw=1.2, color=INK["model"], label="fitted model")
         column[-1].axhspan(-2, 2, color=INK["band"], label="noise, two standard deviations")
@@ -74,7 +76,7 @@ def residuals_figure(estimate: Estimate) -> Figure:
             left = residual / estimate.sigmas.get(signal, 1.0)
             column[-1].plot(t, left, ".", ms=2.5, color=f"C{k}", label=f"{signal}: what is left")
         column[0].set_title(f"trial {name}", fontsize=9)
-        column[-1].set_xlabel("sample" if model is None else "time (s)")
+        column[-1].set_xlabel("time (s)" if name in seen else "sample")
         column[-1].margins(x=0.01)
     for axes, signal in zip(grid[:, 0], outputs, strict=False):
         unit = readable_unit(units.get(signal, ""))
@@ -82,6 +84,20 @@ def residuals_figure(estimate: Estimate) -> Figure:
     grid[-1, 0].set_ylabel("model minus measurement,\nin multiples of the noise", fontsize=8)
     figure.suptitle(f"Fit over the measurement: {estimate.outcome}", fontsize=11)
     drawn = [axes.get_legend_handles_labels() for axes in (grid[0, 0], grid[-1, 0])]
-    seen = {label: line for both in drawn for line, label in zip(*both, strict=True)}
-    figure.legend(seen.values(), seen, loc="outside lower center", ncols=4, frameon=False, fontsize=8, markerscale=3)
+    lines = {label: line for both in drawn for line, label in zip(*both, strict=True)}
+    figure.legend(lines.values(), lines, loc="outside lower center", ncols=4, frameon=False, fontsize=8, markerscale=3)
     return figure
+
+
+def _measured(estimate: Estimate, recording: Recording | None) -> tuple[Seen, Mapping[str, str]]:
+    """What was measured of the signals that the model predicts, and the units of these."""
+    if estimate.minimum is not None:
+        models = estimate.minimum.models
+        units = models[0].simulator.mechanism.system.signal_units
+        return {m.trial: (m.t, dict(zip(m.outputs, m.y, strict=True))) for m in models}, units
+    seen: Seen = {}
+    for trial in recording.trials if recording is not None else ():
+        residuals = estimate.residuals.get(trial.name, {})  # empty of trials that were cut into windows
+        own = {name: trial.signals[name] for name in residuals if name in trial.signals}
+        seen |= {trial.name: (trial.t, own)} if own else {}
+    return seen, recording.units if recording is not None else {}

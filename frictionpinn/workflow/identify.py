@@ -17,6 +17,7 @@ from ..data.findings import listed
 from ..data.recording import Recording
 from ..data.split import split_trials
 from ..errors import UserError, check_processes, choose
+from ..evaluate.estimate_figures import residuals_figure
 from ..evaluate.estimators import error_against_time, table
 from ..evaluate.picture import save_png
 from ..evaluate.style import squared
@@ -144,6 +145,7 @@ def one_seed(cfg: Config, folder: Path | None, seed: int) -> dict[str, Any]:
     methods = sorted(cfg["methods"], key=lambda method: method != origin)  # the network that the others start from
     if origin in NETWORKS and origin not in methods:
         methods = [origin, *methods]
+    drawn = next((name for name in ESTIMATORS if name in cfg["methods"] and name not in NETWORKS), None)
     steps = Steps(len(methods))
     for method in methods:
         processor = time.process_time()
@@ -153,8 +155,8 @@ def one_seed(cfg: Config, folder: Path | None, seed: int) -> dict[str, Any]:
         steps.finish(f"seed {seed}, {method}: {found.seconds:.1f} s, {found.outcome}")
         if method == "maximum_likelihood":
             log.info(str(found))
-            if folder is not None and seed == cfg["seeds"][0] and found.residuals:
-                save_png(found.plot("residuals"), folder / FIT)
+        if method == drawn and folder is not None and seed == cfg["seeds"][0] and found.residuals:
+            save_png(residuals_figure(found, recording), folder / FIT)
         start = within(bounds, start | found.values) if method == origin else start
     return {method: result[method] for method in cfg["methods"]}
 

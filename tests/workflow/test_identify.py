@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from frictionpinn.errors import UserError
+from frictionpinn.evaluate.estimate_figures import residuals_figure
 from frictionpinn.evaluate.estimators import rows, table
 from frictionpinn.workflow.estimate import default_config
 from frictionpinn.workflow.identify import bounds_of, identify, start_within
@@ -42,6 +43,22 @@ def test_one_method_and_seed_draw_the_fit_and_no_figure_of_a_single_dot(tmp_path
         identify(default_config([*DRIVE[1:4], *options], "identify"), tmp_path)
     assert {item.name for item in tmp_path.iterdir()} == {"fit.png", "result.json"}
     assert f"fit.png (the fit over the measurement) and result.json are in {tmp_path}" in caplog.text
+
+
+def test_a_search_alone_draws_its_fit_over_the_measurement(tmp_path, monkeypatch):
+    made = []
+
+    def kept(found, recording):
+        made.append(residuals_figure(found, recording))
+        return made[-1]
+
+    monkeypatch.setattr("frictionpinn.workflow.identify.residuals_figure", kept)
+    options = ["system=drive", "friction=coulomb_viscous", "methods=[least_squares]", "bounds=data"]
+    identify(default_config([*DRIVE[1:4], *options], "identify"), tmp_path)
+    assert (tmp_path / "fit.png").stat().st_size > 10_000
+    measured, model = made[0].axes[0].lines
+    assert made[0].axes[0].get_ylabel() == "x (m)" and np.ptp(measured.get_ydata()) > 0
+    assert np.std(model.get_ydata() - measured.get_ydata()) < 0.2 * np.std(measured.get_ydata())
 
 
 def test_every_estimator_has_the_same_bounds_and_start(compared):
