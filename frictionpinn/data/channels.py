@@ -14,7 +14,7 @@ from ..show import readable_unit
 from .filters import Sampled, clear, filtered, noises, smooth_motion, widths
 from .findings import NO_SLIP, Finding
 from .recording import Recording
-from .thresholds import AT_REST, CLEAR, HELD, LEVELS, NEAR_END, ONE_WAY, PILED, SURE, TURNS
+from .thresholds import AT_REST, CLEAR, DEAD, HELD, LEVELS, NEAR_END, ONE_WAY, PILED, REPEATED, SURE, TURNS
 
 ROUNDED = 1e-6  # of a step: even grids interpolate
 
@@ -102,20 +102,33 @@ def _moves_while(name: str, end: float, companion: str, trials: Sequence[Sampled
 
 
 def dead_findings(system: System, trials: Sequence[Sampled]) -> list[Finding]:
-    """Signals of one value throughout a trial in which another of their coordinate says that it moves."""
+    """Signals of one value throughout a trial, or from some time on, in which another of their coordinate says that it
+    moves."""
     findings = []
     for c in system.moving:
         for k, name in enumerate(c.signals):
             own = [t for t in trials if name in t.signals]
             usual = max((float(np.std(t.signals[name])) for t in own), default=0.0)
-            for t in (t for t in own if np.ptp(t.signals[name]) == 0 and usual > 0):
+            for t in own if usual > 0 else ():
+                values, held = t.signals[name], _held_last(t.signals[name])
+                last = t.last(held)
                 others = [(j, other) for j, other in enumerate(c.signals) if other in t.signals and j != k]
-                telling = [other for j, other in others if _implied(t, other, k - j) > AT_REST * usual]
+                telling = [other for j, other in others if held and _implied(last, other, k - j) > AT_REST * usual]
                 if telling:
-                    where = f"in every row of trial '{t.name}', where {telling[0]} moves"
-                    what = f"{name} is {t.signals[name][0] + 0.0:g} {where}"
+                    when = "in every row" if held == len(values) else f"in the last {held * t.dt:.3g} s"
+                    what = f"{name} is {values[-1] + 0.0:g} {when} of trial '{t.name}', where {telling[0]} moves"
                     findings.append(Finding(what, "check its column and its sensor, or leave that trial out", True))
     return findings
+
+
+def _held_last(values: np.ndarray) -> int:
+    """How many samples at the end have one value: all of them, or so many that a signal whose values else hardly ever
+    repeat, its noise, is no longer measured; else 0."""
+    changes = np.flatnonzero(np.diff(values))
+    if not len(changes):
+        return len(values)
+    held, before = len(values) - 1 - changes[-1], changes[-1] + 1
+    return int(held) if held > DEAD * len(values) and len(changes) > (1 - REPEATED) * before else 0
 
 
 def moving_trials(system: System, trials: Sequence[Sampled]) -> list[Sampled]:

@@ -43,6 +43,12 @@ class Sampled:
         """Its length, s."""
         return self.dt * len(next(iter(self.signals.values())))
 
+    def last(self, count: int) -> Sampled:
+        """Its last samples, so many."""
+        recorded = {name: (t, t > t[-1] - count * self.dt, y) for name, (t, y) in self.recorded.items()}
+        return replace(self, signals={name: values[len(values) - count :] for name, values in self.signals.items()},
+                       recorded={name: (t[late], y[late]) for name, (t, late, y) in recorded.items()})  # fmt: skip
+
     def without(self, names: Collection[str]) -> Sampled:
         """It without some of its signals."""
         return replace(self, signals={name: values for name, values in self.signals.items() if name not in names})

@@ -38,6 +38,9 @@ HELD = 0.02  # share of the time at a signal's very end by which it counts as cl
 # Share of the range within which samples lie near an end, and how many times as many as these stay at it where it was
 # clipped: a smooth peak's top 2 % holds many samples beside the few that are equal.
 NEAR_END, PILED = 0.02, 3
+# Share of a trial at whose end a signal holds one value by which its sensor counts as dead, and share of the samples
+# before that may repeat the last one: noise, written with some digits, repeats by chance.
+DEAD, REPEATED = 0.1, 0.1
 LEVELS = 32  # levels between a signal's ends: 5 bits, rounding by 1 % of the range
 TURNS = 4.0  # turns of an angle beyond which degrees are likelier than a wheel
 ONE_WAY = 0.02  # share of the time by which a contact must slip the other way, too, for friction to be told apart

@@ -162,6 +162,28 @@ def test_a_channel_that_is_dead_in_one_trial_is_told_with_the_trial(signal, nois
             assert f"trial '{name}'" in told and f"{signal} is {value:g} in every row" in told
 
 
+@pytest.mark.parametrize(("signal", "noise"), [("x", 0.005), ("v", 0.005), ("a", 0.005), ("x", 0.05), ("v", 0.05)])
+def test_a_channel_that_dies_within_a_trial_is_told_with_the_time_for_which_it_is_dead(signal, noise):
+    recording = drive_log(noise=noise)
+    for trial in recording.trials:
+        live = round(0.6 * len(trial))
+        (told,) = with_trial(
+            recording, trial.name, signal, lambda y, live=live: np.where(np.arange(len(y)) < live, y, y[live])
+        )
+        dead = f"in the last {0.4 * trial.t[-1]:.2g}"
+        assert told.startswith(f"{signal} is ") and dead in told and f"trial '{trial.name}', where" in told
+
+
+@pytest.mark.parametrize("rounded", [0.0, 1e-3])
+def test_a_body_that_comes_to_rest_for_the_rest_of_a_trial_is_no_dead_channel(rounded):
+    recording = drive_log({"duration": 3.0, "force": "8*sin(6*t)*exp(-t**4)"}, noise=0.0)
+    trial = recording.trials[-1]
+    signals = {n: rounded * np.round(y / rounded) if rounded else y for n, y in trial.signals.items()}
+    assert np.ptp(signals["x"][-100:]) < 1e-3
+    trials = (*recording.trials[:-1], replace(trial, signals=signals))
+    assert [f for f in inspect(replace(recording, trials=trials), SYSTEMS["drive"](M=2.0)) if f.grave] == []
+
+
 @pytest.mark.parametrize(
     "last",
     [{"force": "0*t"}, {"force": "0*t", "initial": {"v": 1.0}}, {"force": "2 + 0*t"}, {"force": "2*sin(6*t)"},
