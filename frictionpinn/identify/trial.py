@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from ..numerics.directions import Directions
 from ..numerics.gram import gram
 from ..numerics.jumps import jumps_in
 from ..numerics.loss import Loss
 from ..numerics.motion import Motion
-from ..numerics.paths import Directions, InputPath
+from ..numerics.paths import InputPath
 from ..numerics.placing import unplaced
 from ..numerics.quadratic import Piece
 from ..numerics.resolution import averaged, samples_within
@@ -61,13 +62,8 @@ class TrialModel:
     def __post_init__(self) -> None:
         if self.directions is not None or not self.inputs:
             return
-        directions: dict[str, InputPath] = {}
-        for item in self.inputs:
-            for j in range(item.basis.size):
-                coefficients = np.zeros_like(self.base.coefficients)
-                coefficients[:, list(item.columns)] = item.basis.pieces[j]
-                directions[f"{item.names[0]}[{j}]"] = InputPath(self.base.names, self.t, coefficients)
-        object.__setattr__(self, "directions", Directions.of(directions, self.base.coefficients.shape))
+        splines = [(item.names[0], item.columns, item.basis) for item in self.inputs]
+        object.__setattr__(self, "directions", Directions.of_splines(self.t, len(self.base.names), splines))
 
     def begun(self, motion: Motion) -> TrialModel:
         """The model that begins where this motion does, as far as its position acts and was not measured."""
@@ -137,8 +133,7 @@ class TrialModel:
         factors = np.ones(len(self.base.names))
         places = [self.base.names.index(name) for name in self.sensed]
         factors[places] = self.simulator.motion_sensors.lines(self.sensed, self.simulator.parameters(p))[:, 0]
-        scaled = self.directions.coefficients * factors[:, None]
-        return self.directions.moved(scaled, self.t, self.directions.support)
+        return self.directions.scaled(factors)
 
     def initial(self, p: Mapping[str, float], local: np.ndarray) -> dict[str, float]:
         """Initial state by name, SI units."""

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from .paths import DEGREE, Directions
+from .directions import Directions
+from .paths import DEGREE
 
 _NODES = (1 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2  # ends included: the shifted pieces join
 _FROM_NODES = np.linalg.inv(_NODES[:, None] ** np.arange(DEGREE + 1))
@@ -60,7 +61,7 @@ def shift_directions(t: np.ndarray, directions: Directions, shifts: Mapping[int,
                 _shifted(t, given[k], places[columns], piece, weights, *ends, coefficients[k])
                 support[k] = min(support[k, 0], ends[0]), max(support[k, 1], ends[1])
     support[:, 0] = np.minimum.accumulate(support[::-1, 0])[::-1]  # in order still: too early costs little
-    return directions.moved(coefficients, t, support)
+    return Directions.between_samples(directions.names, t, coefficients, support, directions.order)
 
 
 @njit(**_OPTIONS)

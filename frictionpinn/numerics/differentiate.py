@@ -9,7 +9,8 @@ import numpy as np
 from ..physics.base import at_contact
 from .bristle import start_changes
 from .codegen import Kernels, pointer
-from .paths import Directions, InputPath
+from .directions import Directions
+from .paths import InputPath
 from .simulation import Steps
 from .tableau import METHOD
 
@@ -52,7 +53,8 @@ def differentiate(
 
     m, n = len(kernels.mechanism.free), len(path.t)
     n_s, n_w, _, _ = kernels.sizes
-    given = wanted.directions
+    given, first = wanted.directions, len(wanted.names) - len(wanted.directions)
+    put = np.concatenate([np.arange(first), first + np.argsort(given.order)])  # columns in the order of the names
     ds, dw = np.zeros((n, n_s, len(wanted.names))), np.zeros((n, n_w, len(wanted.names)))
     if n_w:
         start = start_sensitivity(kernels, path.coefficients[0, :, 0], p, states[0], wanted, steady)
@@ -68,7 +70,12 @@ def differentiate(
             unknowns[0],
             start,
             wanted.columns,
-            given.coefficients,
+            put,
+            given.pieces,
+            given.lanes,
+            given.groups,
+            given.piece,
+            given.since,
             given.support,
             steps.interval,
             steps.size,
@@ -78,13 +85,9 @@ def differentiate(
     if len(which):
         kernel = pointer(kernels.sensitivity.output_derivatives)
         outputs = sensitivity.output_sensitivities(
-            kernel, states, unknowns, path.samples, p, ds, dw, wanted.columns, given.samples, given.support,
-            which, kernels.outputs,
+            kernel, states, unknowns, path.samples, p, ds, dw, wanted.columns, put, given.samples,
+            given.support, which, kernels.outputs,
         )  # fmt: skip
-    if not np.array_equal(given.order, np.arange(len(given.order))):
-        first = len(wanted.names) - len(given)
-        as_given = np.concatenate([np.arange(first), first + given.order])
-        ds, dw, outputs = ds[:, :, as_given], dw[:, :, as_given], outputs[:, :, as_given]
     return named(kernels, ds, dw, which, outputs)
 
 
@@ -119,8 +122,7 @@ def start_sensitivity(
 
     The identity in the states that are given; the others as :func:`.bristle.start_changes` has them.
     """
-    directions = wanted.directions.coefficients[:, 0, :, 0]
-    result = start_changes(kernels, start, u, p, wanted.columns, wanted.states, directions, steady=steady)
+    result = start_changes(kernels, start, u, p, wanted.columns, wanted.states, wanted.directions.first, steady=steady)
     given = np.flatnonzero(wanted.states >= 0)
     result[wanted.states[given], given] += 1.0
     return result

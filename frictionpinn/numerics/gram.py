@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit, types
 
 FEW = 4  # times the entries of a row are fewer than its columns: from where an index costs less than all between
-F1, F2, F4 = types.float64[::1], types.float64[:, ::1], types.float64[:, :, :, ::1]
+F1, F2 = types.float64[::1], types.float64[:, ::1]
 
 
 @njit(types.Tuple((F2, F1))(F2, F1, F1), cache=True, nogil=True, error_model="numpy")
@@ -45,16 +45,3 @@ def gram(J, r, w):
         for j in range(i):
             H[j, i] = H[i, j]
     return H, g
-
-
-@njit(types.float64[:, :, ::1](F1, F4, types.int64[::1]), cache=True, nogil=True, error_model="numpy")
-def combined(values, pieces, breaks):
-    """sum_j values[j] pieces[j] of a spline's pieces, shape (count, n, orders, powers), knots at the indices breaks."""
-    result = np.zeros(pieces.shape[1:])
-    for b in range(breaks.shape[0] - 1):
-        for j in range(b, b + pieces.shape[3]):  # as many as powers act between two knots
-            for k in range(breaks[b], breaks[b + 1]):
-                for i in range(pieces.shape[2]):
-                    for m in range(pieces.shape[3]):
-                        result[k, i, m] += values[j] * pieces[j, k, i, m]
-    return result

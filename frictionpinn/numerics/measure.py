@@ -9,8 +9,9 @@ import sympy as sp
 
 from ..physics.mechanism import Mechanism
 from .delay import shift_directions, shift_pieces, shift_samples, slopes, together
+from .directions import Directions
 from .jumps import find_stops
-from .paths import DEGREE, Directions, InputPath
+from .paths import DEGREE, InputPath
 
 Signals = dict[str, np.ndarray]
 Delays = Mapping[str, Mapping[str, float]]  # see Mechanism.delays
@@ -40,12 +41,8 @@ class Drive:
         names = (*late.names, *(symbol.name for symbol in self.clocks))
         return InputPath(names, late.t, np.concatenate([late.coefficients, clocks], axis=1), late.session)
 
-    def direction(self, recorded: InputPath, p: np.ndarray) -> InputPath:
-        """Return the change of what acts for a change of the recorded inputs."""
-        return self._late(recorded, p)
-
     def directions(self, recorded: Directions, t: np.ndarray, p: np.ndarray) -> Directions:
-        """Return all these changes, as they were made ready where no input acts late."""
+        """Return the changes of what acts for changes of the recorded inputs, these where no input acts late."""
         if len(recorded) and (late := self._shifts(p)):
             return shift_directions(t, recorded, late)
         return recorded

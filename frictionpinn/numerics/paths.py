@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -177,80 +177,10 @@ class InputPath:
         return self.coefficients[k] @ np.array([1.0, d, d2, d * d2, d2 * d2, d * d2 * d2])
 
 
-@dataclass(frozen=True)
-class Directions:
-    """Derivatives of an input path with respect to quantities of the caller's, made ready once for many simulations.
-
-    Attributes:
-        paths: name -> derivative, as given.
-        coefficients: as of the path, shape (n_d, n - 1, n_u, 6), by the interval where each first acts.
-        samples: shape (n_d, n, n_u), in the same order.
-        support: first and last interval in which each acts, shape (n_d, 2), in the same order.
-        order: place of each name among these, shape (n_d,).
-    """
-
-    paths: Mapping[str, InputPath]
-    coefficients: np.ndarray
-    samples: np.ndarray
-    support: np.ndarray
-    order: np.ndarray
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.paths)
-
-    def __len__(self) -> int:
-        return len(self.paths)
-
-    @classmethod
-    def of(cls, paths: Mapping[str, InputPath], shape: tuple[int, ...]) -> Directions:
-        """Stack paths whose coefficients have that shape, (n - 1, n_u, 6).
-
-        Raises:
-            UserError: a path of another shape.
-        """
-        if not paths:
-            nothing = np.zeros((0, *shape)), np.zeros((0, shape[0] + 1, shape[1])), np.zeros((0, 2), np.int64)
-            return cls({}, *nothing, np.zeros(0, np.int64))
-        for name, path in paths.items():
-            if path.coefficients.shape != tuple(shape):
-                raise UserError("direction on other times than the path", where=f"directions.{name}")
-        coefficients = np.zeros((len(paths), *shape))
-        for j, path in enumerate(paths.values()):
-            coefficients[j] = path.coefficients
-        t = next(iter(paths.values())).t
-        support = _support(coefficients)
-        place = np.argsort(support[:, 0], kind="stable")
-        samples = at_samples(coefficients, t)
-        return cls(dict(paths), coefficients[place], samples[place], support[place], np.argsort(place))
-
-    def moved(self, coefficients: np.ndarray, t: np.ndarray, support: np.ndarray) -> Directions:
-        """The same paths with other coefficients, shape and order those of ``coefficients``, at the times t."""
-        return replace(self, coefficients=coefficients, samples=at_samples(coefficients, t), support=support)
-
-    def beside(self, others: Directions) -> Directions:
-        """These after the others, by name."""
-        support = np.concatenate([others.support, self.support])
-        place = np.argsort(support[:, 0], kind="stable")
-        order = np.argsort(place)[np.concatenate([others.order, self.order + len(others)])]
-        coefficients = np.concatenate([others.coefficients, self.coefficients])
-        samples = np.concatenate([others.samples, self.samples])
-        if (np.diff(place) < 0).any():
-            coefficients, samples = coefficients[place], samples[place]
-        return Directions(dict(others.paths) | dict(self.paths), coefficients, samples, support[place], order)
-
-
 def at_samples(coefficients: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """What acts at the times t, shape (n_d, n, n_u)."""
+    """What acts at the times t, shape (..., n, n_u)."""
     last = coefficients[..., -1:, :, :] @ (t[-1] - t[-2]) ** np.arange(DEGREE + 1)
     return np.concatenate([coefficients[..., 0], last], axis=-2)
-
-
-def _support(coefficients: np.ndarray) -> np.ndarray:
-    """First and last interval in which each direction acts, shape (n_d, 2)."""
-    acts, count = (coefficients != 0).any(axis=(2, 3)), coefficients.shape[1]
-    first = np.where(acts.any(axis=1), acts.argmax(axis=1), count)
-    last = np.where(acts.any(axis=1), count - 1 - acts[:, ::-1].argmax(axis=1), -1)
-    return np.stack([first, last], axis=1).astype(np.int64)
 
 
 def _checked_times(t: np.ndarray) -> np.ndarray:

@@ -13,21 +13,21 @@ import numpy as np
 from numba import njit, types
 
 from .integrator import F1, F2, F3, INLINED, KERNEL, OPTIONS, copy_to, evaluate, factorize, gather, newton_matrix, place
+from .paths import DEGREE
 
+LANES = DEGREE + 1  # of a group of directions, see directions.Directions
 F4 = types.float64[:, :, :, ::1]
 I1, I2 = types.int64[::1], types.int64[:, ::1]
 
 
 @njit(**INLINED)
-def known_part(out, m, hg, columns, n_p, directions, support, active, k, offset, known, du, rhs):
-    """Write -(R_s S_known + R_p + R_u du/dc), what the stage's own unknowns do not enter, into rhs (n_w, n_c).
+def known_part(out, m, hg, columns, n_p, active, known, rhs):
+    """Write -(R_s S_known + R_p), what neither the stage's own unknowns nor the inputs enter, into rhs (n_w, n_c).
 
     Only the first ``active`` columns: the others act later.
     """
     n_s, n_w = known.shape[0], rhs.shape[0]
     by_p = n_w + n_w * (n_s + n_w) + 1
-    by_u = by_p + n_w * n_p
-    n_u = (out.shape[0] - by_u) // n_w  # clocks included, which no direction changes
     for i in range(n_w):
         for c in range(active):
             rhs[i, c] = -out[by_p + i * n_p + columns[c]] if columns[c] >= 0 else 0.0
@@ -38,14 +38,39 @@ def known_part(out, m, hg, columns, n_p, directions, support, active, k, offset,
             if value != 0.0:
                 for c in range(active):
                     rhs[i, c] -= value * known[d, c]
-    first = columns.shape[0] - directions.shape[0]
-    for j in range(active - first):
-        if support[j, 1] < k:
+
+
+@njit(**INLINED)
+def driven_part(out, n_s, n_p, first, pieces, lanes, groups, piece, since, k, offset, du, change, rhs):
+    """Add -R_u du/dc of the directions that act in the interval k to rhs, a group at a time.
+
+    Constant widths of the loops over lanes let them be compiled for them.
+    """
+    n_w = rhs.shape[0]
+    by_u = n_w + n_w * (n_s + n_w) + 1 + n_w * n_p
+    n_u = (out.shape[0] - by_u) // n_w  # clocks included, which no direction changes
+    for g in range(groups.shape[0]):
+        if k < groups[g, 0] or k > groups[g, 1]:
             continue
-        evaluate(directions[j], k, offset, du)
+        at, x = piece[g, k], since[g, k] + offset
         for i in range(n_w):
-            for d in range(du.shape[0]):
-                rhs[i, first + j] -= out[by_u + i * n_u + d] * du[d]
+            for lane in range(LANES):
+                change[i, lane] = 0.0
+        for d in range(groups[g, 2], groups[g, 2] + groups[g, 3]):
+            for lane in range(LANES):
+                du[lane] = pieces[at, d, DEGREE, lane]
+            for e in range(DEGREE - 1, -1, -1):
+                for lane in range(LANES):
+                    du[lane] = du[lane] * x + pieces[at, d, e, lane]
+            for i in range(n_w):
+                value = out[by_u + i * n_u + d]
+                if value != 0.0:
+                    for lane in range(LANES):
+                        change[i, lane] += value * du[lane]
+        for lane in range(LANES):
+            if lanes[at, lane] >= 0:
+                for i in range(n_w):
+                    rhs[i, first + lanes[at, lane]] -= change[i, lane]
 
 
 @njit(**INLINED)
@@ -104,30 +129,40 @@ def copy_rows(source, first, count, n_c, target):
             target[d, c] = source[first + d, c]
 
 
+@njit(**INLINED)
+def tell_rows(rows, put, target):
+    """Copy rows with every column where it is put."""
+    for d in range(rows.shape[0]):
+        for c in range(rows.shape[1]):
+            target[d, put[c]] = rows[d, c]
+
+
 @njit(
-    types.Tuple((F3, F3))(KERNEL, F2, F1, F1, F3, F1, types.int64, F1, F1, F2, I1, F4, I2, I1, F2, F3),
+    types.Tuple((F3, F3))(
+        KERNEL, F2, F1, F1, F3, F1, types.int64, F1, F1, F2, I1, I1, F4, I2, I2, I2, F2, I2, I1, F2, F3
+    ),
     **OPTIONS,
 )  # fmt: skip
 def propagate(
-    kernel, a, c, t, coefficients, p, m, s_start, w_start, start, columns, directions, support, record_k, record_h,
-    record_w,
+    kernel, a, c, t, coefficients, p, m, s_start, w_start, start, columns, put, pieces, lanes, groups, piece, since,
+    support, record_k, record_h, record_w,
 ):  # fmt: skip
     """Sensitivities at the samples: ds/dc (n, n_s, n_c) and dw/dc (n, n_w, n_c).
 
     Args:
         s_start, w_start: state and unknown at the first sample.
         start: ds/dc there, shape (n_s, n_c).
-        columns: index of the parameter that each c is, or -1.
-        directions: du/dc for the last entries of c, shape (n_directions, n - 1, recorded inputs, 6), as path
-            coefficients.
-        support: first and last interval in which each direction acts, shape (n_directions, 2), the first increasing.
+        columns: index of the parameter that each c is, or -1; ``put`` is its place among those that are returned.
+        pieces, lanes, groups, piece, since, support: du/dc for the last entries of c, see
+            :class:`frictionpinn.numerics.directions.Directions`.
         record_k, record_h, record_w: the steps that ``integrate`` recorded.
     """
     n, n_s, n_c, n_w, stages = t.shape[0], start.shape[0], start.shape[1], w_start.shape[0], a.shape[0]
     n_p, n_u = p.shape[0], coefficients.shape[1]
     states, unknowns = np.empty((n, n_s, n_c)), np.empty((n, n_w, n_c))
     out = np.zeros(n_w + n_w * (n_s + n_w) + 1 + n_w * (n_p + n_u))
-    matrix, pivots, u, du = np.empty((n_w, n_w)), np.empty(n_w, np.int64), np.empty(n_u), np.empty(directions.shape[2])
+    matrix, pivots, u = np.empty((n_w, n_w)), np.empty(n_w, np.int64), np.empty(n_u)
+    du, change = np.empty(LANES), np.empty((n_w, LANES))
     s, s0, known = s_start.copy(), s_start.copy(), np.empty(n_s)
     stages_v, stages_w = np.zeros((stages, m)), np.zeros((stages, n_w))
     ds, ds0, dknown, rhs = start.copy(), start.copy(), start.copy(), np.empty((n_w, n_c))
@@ -136,15 +171,16 @@ def propagate(
     kernel(s, w_start, u, p, out)
     newton_matrix(out, m, n_w, 0.0, matrix)
     factorize(matrix, pivots)
-    first = n_c - directions.shape[0]
+    first = n_c - support.shape[0]
     active = first
     while active < n_c and support[active - first, 0] <= 0:
         active += 1
     rhs[:] = 0.0
-    known_part(out, m, 0.0, columns, n_p, directions, support, active, 0, 0.0, ds, du, rhs)
+    known_part(out, m, 0.0, columns, n_p, active, ds, rhs)
+    driven_part(out, n_s, n_p, first, pieces, lanes, groups, piece, since, 0, 0.0, du, change, rhs)
     solve_rows(matrix, pivots, active, rhs)
-    copy_rows(ds, 0, n_s, n_c, states[0])
-    copy_rows(rhs, 0, n_w, n_c, unknowns[0])
+    tell_rows(ds, put, states[0])
+    tell_rows(rhs, put, unknowns[0])
     for index in range(record_k.shape[0]):
         k, offset, h = record_k[index], record_h[index, 0], record_h[index, 1]
         while active < n_c and support[active - first, 0] <= k:
@@ -163,7 +199,10 @@ def propagate(
             newton_matrix(out, m, n_w, hg, matrix)
             factorize(matrix, pivots)
             gather_rows(a, i, h, active, ds0, dstages_v, dstages_w, dknown)
-            known_part(out, m, hg, columns, n_p, directions, support, active, k, offset + c[i] * h, dknown, du, rhs)
+            known_part(out, m, hg, columns, n_p, active, dknown, rhs)
+            driven_part(
+                out, n_s, n_p, first, pieces, lanes, groups, piece, since, k, offset + c[i] * h, du, change, rhs
+            )
             solve_rows(matrix, pivots, active, rhs)
             place_rows(dknown, rhs, hg, m, active, ds)
             copy_to(s[m : 2 * m], stages_v[i])
@@ -172,19 +211,20 @@ def propagate(
         copy_to(s, s0)
         copy_rows(ds, 0, n_s, active, ds0)
         if index + 1 == record_k.shape[0] or record_k[index + 1] != k:
-            copy_rows(ds, 0, n_s, n_c, states[k + 1])
-            copy_rows(rhs, 0, n_w, n_c, unknowns[k + 1])
+            tell_rows(ds, put, states[k + 1])
+            tell_rows(rhs, put, unknowns[k + 1])
     return states, unknowns
 
 
-@njit(types.float64[:, :, ::1](KERNEL, F2, F2, F2, F1, F3, F3, I1, F3, I2, I1, types.int64), **OPTIONS)
+@njit(types.float64[:, :, ::1](KERNEL, F2, F2, F2, F1, F3, F3, I1, I1, F3, I2, I1, types.int64), **OPTIONS)
 def output_sensitivities(
-    kernel, states, unknowns, inputs, p, dstates, dunknowns, columns, dinputs, support, which, n_out
+    kernel, states, unknowns, inputs, p, dstates, dunknowns, columns, put, dinputs, support, which, n_out
 ):
     """Total derivatives of the outputs ``which`` at every sample, shape (len(which), n, n_c).
 
     ``kernel`` writes the partial derivatives in s, w, p and u, (n_out, n_s + n_w + n_p + n_u); dinputs is du/dc of
-    the last entries of c, shape (n_directions, n, recorded inputs), by the interval where each first acts.
+    the last entries of c, shape (n_directions, n, recorded inputs), by the interval where each first acts; dstates and
+    dunknowns are those of :func:`propagate`.
     """
     n, n_s, n_w, n_p, n_u = states.shape[0], states.shape[1], unknowns.shape[1], p.shape[0], inputs.shape[1]
     n_c = columns.shape[0]
@@ -212,5 +252,5 @@ def output_sensitivities(
                     break
                 if k <= support[j, 1] + 1:
                     for d in range(dinputs.shape[2]):
-                        result[i, k, first + j] += out[row + n_s + n_w + n_p + d] * dinputs[j, k, d]
+                        result[i, k, put[first + j]] += out[row + n_s + n_w + n_p + d] * dinputs[j, k, d]
     return result

@@ -13,15 +13,17 @@ from ..physics.mechanism import Mechanism
 from .bristle import resting_states, steady_bristles
 from .codegen import Kernels
 from .differentiate import Wanted, differentiate
+from .directions import Directions
 from .measure import Drive, MotionSensors, Sensors
-from .paths import Directions, InputPath
+from .paths import DEGREE, InputPath
 from .simulation import ContactLost, Simulation, SimulationFailed, Steps
 from .stepping import PLAIN, STRICT, integrate_path, observed
 
 __all__ = ["ContactLost", "Part", "Simulation", "SimulationFailed", "Simulator", "Steps"]
 
 _NONE: Mapping = MappingProxyType({})
-_NOTHING = Wanted((), np.empty(0, np.int64), np.empty(0, np.int64), Directions.of({}, (1, 0, 0)))
+_NO_PATH = InputPath((), np.arange(2.0), np.zeros((1, 0, DEGREE + 1)))
+_NOTHING = Wanted((), np.empty(0, np.int64), np.empty(0, np.int64), Directions.of({}, _NO_PATH))
 Values = Mapping[str, float] | Sequence[float] | np.ndarray
 
 
@@ -268,18 +270,13 @@ class Simulator:
             if name not in valid:
                 fix = nearest(name, valid) or "use one of these"
                 raise UserError("unknown sensitivity", where=name, allowed=", ".join(valid), fix=fix)
-        given = directions.paths if isinstance(directions, Directions) else directions
-        for name, direction in given.items():
-            if direction.coefficients.shape != path.coefficients.shape:
-                raise UserError("direction on other times than the path", where=f"directions.{name}")
         if isinstance(directions, Directions):
             ready = self._drive.directions(directions, path.t, p)
         else:
-            moved = {name: self._drive.direction(d, p) for name, d in given.items()}
-            ready = Directions.of(moved, path.coefficients.shape)
+            ready = self._drive.directions(Directions.of(directions, path), path.t, p)
         late = {name: self._drive.delay_direction(name, path, p) for name in names if name in self._drive.parameters}
         if late:
-            ready = ready.beside(Directions.of(late, ready.coefficients.shape[1:]))
+            ready = ready.beside(Directions.of(late, path))
         plain, n_p, m = [n for n in names if n not in ready], len(self.parameter_names), len(self.mechanism.free)
         place = {name: i for i, name in enumerate(valid)}
         index = np.array([place[name] for name in plain] + [-1] * len(ready), dtype=np.int64)

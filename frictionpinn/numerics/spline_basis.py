@@ -11,10 +11,12 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 
-from .gram import combined, gram
+from .gram import gram
 from .paths import DEGREE, at_samples
+from .polynomials import combined
 from .smoothing import Coordinate, Smoothed, SmoothingSpline, difference_sigma
 
+LANES = DEGREE + 1  # B-splines that act between two knots
 COARSEST, FINEST = 8, 2  # knot intervals of the coarsest spline tried; samples per interval of the finest
 GROWTH = 1.4  # of the number of intervals from one spline tried to the next
 FINER = 1.5  # the criterion's best spline still bends the response by a fraction of its standard error: take a finer
@@ -62,17 +64,27 @@ class PathBasis:
 
     @cached_property
     def pieces(self) -> np.ndarray:
-        """Polynomial coefficients between the samples, shape (size, n - 1, orders, 6), as in ``InputPath``."""
-        powers = [self._spline.derivative(m)(self.t[:-1]) for m in range(DEGREE + 1)]
-        result = np.zeros((self.size, len(self.t) - 1, self.orders, DEGREE + 1))
+        """Polynomials between two knots, about the first, of the B-splines that act there: those from as many on as
+        knots lie before it, shape (intervals, orders, 6, LANES)."""
+        begins, count = self.t[list(self.breaks[:-1])], len(self.breaks) - 1
+        acting = np.arange(count)[:, None] + np.arange(LANES)
+        powers = [np.take_along_axis(self._spline.derivative(m)(begins), acting, 1) for m in range(DEGREE + 1)]
+        result = np.zeros((count, self.orders, DEGREE + 1, LANES))
         for k in range(self.orders):
             for m in range(DEGREE + 1 - k):
-                result[:, :, k, m] = powers[m + k].T / math.factorial(m)
+                result[:, k, m] = powers[m + k] / math.factorial(m)
         return result
+
+    @property
+    def support(self) -> np.ndarray:
+        """First and last interval between samples in which each B-spline acts, shape (size, 2)."""
+        first, last = np.array(self.breaks[:-1]), np.array(self.breaks[1:]) - 1
+        j = np.arange(self.size)
+        return np.stack([first[np.maximum(j - DEGREE, 0)], last[np.minimum(j, len(last) - 1)]], axis=1)
 
     def path(self, coefficients: np.ndarray) -> np.ndarray:
         """Polynomial coefficients between the samples of the spline with these, shape (n - 1, orders, 6)."""
-        return combined(coefficients, self.pieces, np.array(self.breaks, np.int64))
+        return combined(coefficients, self.pieces, self.t, np.array(self.breaks, np.int64))
 
     def values(self, coefficients: np.ndarray) -> np.ndarray:
         """Value and derivatives at the samples of the spline with these, shape (orders, n)."""

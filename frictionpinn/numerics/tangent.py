@@ -9,7 +9,8 @@ import numpy as np
 
 from .codegen import pointer
 from .differentiate import Wanted, named, start_sensitivity, wanted_outputs
-from .paths import Directions, InputPath
+from .directions import Directions
+from .paths import InputPath
 from .simulate import Simulator, Values
 from .simulation import Simulation
 from .tableau import METHOD
@@ -90,11 +91,11 @@ class Tangent:
         )  # fmt: skip
         which, outputs = wanted_outputs(kernels, contact), np.zeros((0, n, start.shape[1]))
         if len(which):
-            none = Directions.of({}, self.inputs.coefficients.shape)
-            nowhere = np.full(start.shape[1], -1, dtype=np.int64)
+            none = Directions.of({}, self.inputs)
+            nowhere, put = np.full(start.shape[1], -1, dtype=np.int64), np.arange(start.shape[1])
             outputs = sensitivity.output_sensitivities(
                 pointer(kernels.sensitivity.output_derivatives), run.states, run.unknowns, self.path.samples, self.p,
-                ds, dw, nowhere, none.samples, none.support, which, kernels.outputs,
+                ds, dw, nowhere, put, none.samples, none.support, which, kernels.outputs,
             )  # fmt: skip
             outputs += tangent_recursions.direct(
                 kernel, run.states, run.unknowns, self.path.samples, values, k, which, kernels.outputs
@@ -106,7 +107,7 @@ class Tangent:
         kernels, run, k = self.simulator.kernels, self.run, len(strengths)
         start = np.zeros((kernels.sizes[0], k * len(values)))
         if self.steady.any() or kernels.settles(strengths):
-            none = Directions.of({}, self.inputs.coefficients.shape)
+            none = Directions.of({}, self.inputs)
             wanted = Wanted(strengths, columns, np.full(k, -1, dtype=np.int64), none)
             u = self.path.coefficients[0, :, 0]
             for j, p in enumerate(values):

@@ -5,12 +5,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from frictionpinn.numerics.delay import shift_directions, shift_pieces
-from frictionpinn.numerics.paths import DEGREE, Directions, InputPath
+from frictionpinn.numerics.directions import Directions
+from frictionpinn.numerics.paths import DEGREE, InputPath
 
 NAMES = ("theta", "omega", "alpha")
 
 
-def local_directions(count: int, n: int, seed: int) -> tuple[np.ndarray, Directions]:
+def local_directions(count: int, n: int, seed: int) -> tuple[np.ndarray, dict[str, InputPath], Directions]:
     generator = np.random.default_rng(seed)
     t = np.cumsum(generator.uniform(0.5, 1.5, n)) * 0.01
     paths = {}
@@ -19,21 +20,21 @@ def local_directions(count: int, n: int, seed: int) -> tuple[np.ndarray, Directi
         first = int(generator.integers(0, n - 2))
         coefficients[first : first + 6] = generator.standard_normal(coefficients[first : first + 6].shape)
         paths[f"c[{k}]"] = InputPath(NAMES, t, coefficients)
-    return t, Directions.of(paths, (n - 1, len(NAMES), DEGREE + 1))
+    return t, paths, Directions.of(paths, next(iter(paths.values())))
 
 
 @settings(deadline=None, max_examples=30)
 @given(seed=st.integers(0, 1000), shifts=st.tuples(*[st.floats(-0.05, 0.05)] * 2))
 def test_directions_act_late_as_each_path_does(seed, shifts):
-    t, directions = local_directions(7, 40, seed)
+    t, paths, directions = local_directions(7, 40, seed)
     late = {0: shifts[0], 2: shifts[1]}
     expected = {}
-    for name, path in directions.paths.items():
+    for name, path in paths.items():
         coefficients = path.coefficients.copy()
         for column, shift in late.items():
             coefficients[:, [column]] = shift_pieces(t, path.coefficients[:, [column]], shift)
         expected[name] = InputPath(NAMES, t, coefficients)
-    expected = Directions.of(expected, directions.coefficients.shape[1:])
+    expected = Directions.of(expected, path)
     found = shift_directions(t, directions, late)
     assert list(found) == list(expected)
     size = np.abs(expected.coefficients).max()
@@ -43,9 +44,9 @@ def test_directions_act_late_as_each_path_does(seed, shifts):
 
 
 def test_what_stands_beside_directions_comes_first_in_name_and_where_it_first_acts():
-    t, directions = local_directions(4, 30, 1)
+    t, _, directions = local_directions(4, 30, 1)
     whole = InputPath(NAMES, t, np.ones((29, len(NAMES), DEGREE + 1)))
-    found = directions.beside(Directions.of({"delay": whole}, whole.coefficients.shape))
+    found = directions.beside(Directions.of({"delay": whole}, whole))
     assert list(found) == ["delay", *directions]
     assert np.array_equal(found.coefficients[found.order[0]], whole.coefficients)
     assert np.array_equal(found.coefficients[found.order[1:]], directions.coefficients[directions.order])
