@@ -22,24 +22,28 @@ def move(c, by):
 
 @njit(types.float64[:, :, ::1](F1, F4, F1, I1), **OPTIONS)
 def combined(values, pieces, t, breaks):
-    """A spline between its samples, shape (n - 1, orders, powers).
+    """A spline and its derivatives between its samples, shape (n - 1, orders, powers).
 
     Args:
         values: of its coefficients, shape (size,).
         pieces: between two knots, of those that act there, shape (intervals, orders, powers, acting).
         t: samples, shape (n,); ``breaks`` are the indices of knots.
     """
-    result = np.empty((t.shape[0] - 1, pieces.shape[1], pieces.shape[2]))
-    own = np.empty(pieces.shape[2])
+    powers = pieces.shape[2]
+    result = np.zeros((t.shape[0] - 1, pieces.shape[1], powers))
+    own = np.empty(powers)
     for b in range(breaks.shape[0] - 1):
-        for i in range(pieces.shape[1]):
-            for m in range(pieces.shape[2]):
-                own[m] = 0.0
-                for lane in range(pieces.shape[3]):
-                    own[m] += values[b + lane] * pieces[b, i, m, lane]
-            for k in range(breaks[b], breaks[b + 1]):
-                result[k, i] = own
-                move(result[k, i], t[k] - t[breaks[b]])
+        for m in range(powers):
+            own[m] = 0.0
+            for lane in range(pieces.shape[3]):
+                own[m] += values[b + lane] * pieces[b, 0, m, lane]
+        for k in range(breaks[b], breaks[b + 1]):
+            for m in range(powers):
+                result[k, 0, m] = own[m]
+            move(result[k, 0], t[k] - t[breaks[b]])
+            for i in range(1, pieces.shape[1]):
+                for m in range(powers - i):
+                    result[k, i, m] = (m + 1) * result[k, i - 1, m + 1]
     return result
 
 
