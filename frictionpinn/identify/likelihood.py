@@ -9,13 +9,13 @@ past samples (:mod:`frictionpinn.numerics.stops`). So the search goes
 1. over whole trials, noisy inputs among the unknowns, held to the motion that was measured and let go of, each minimum
    the start of the next (:mod:`frictionpinn.identify.tether`), at the noise levels that the residuals show
    (:func:`_settled`);
-2. where that leaves what is not white, the same from a coarse resolution in time to the sample before, unless the
-   motion is imposed and no error adds up, and from other starts, too: a design over what the sliding samples do not
-   tell and a grid over what moves together, those that fit best held by the shortest tether (:func:`_elsewhere`);
-3. around what was found, with a bristle in each trial's own unknowns (:func:`lowest_of_trials`), and by ways that show
+2. around what was found, with a bristle in each trial's own unknowns (:func:`lowest_of_trials`), and by ways that show
    lower minima of the parameters (:func:`lowest_around`). Trials share the parameters alone: the likelihood has its
    minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each trial has been
-   there, and they are put together (:func:`frictionpinn.numerics.minima.assembled`).
+   there, and they are put together (:func:`frictionpinn.numerics.minima.assembled`);
+3. where that leaves what is not white, once more from a coarse resolution in time to the sample before, unless the
+   motion is imposed and no error adds up, and from other starts, too: a design over what the sliding samples do not
+   tell and a grid over what moves together, those that fit best held by the shortest tether (:func:`_elsewhere`).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from ..errors import UserError
 from ..numerics.descent import CLOSELY, KNOWN, Solution, coarse_to_fine, levenberg_marquardt
 from ..numerics.minima import AT_ONCE, KICKS, assembled, carried, lowest_of_trials
 from ..numerics.parallel import in_parallel
-from ..numerics.quadratic import Evaluate, Known, State, moved, reduced
+from ..numerics.quadratic import SAME_MINIMUM, Evaluate, Known, State, moved, reduced
 from ..numerics.whiteness import SIGNIFICANCE
 from ..physics.base import plain_name
 from ..physics.mechanism import Mechanism
@@ -45,6 +45,7 @@ from .tether import Found, Path, Seen, followed, lowest, tethered
 from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours
 
+Best = tuple[Solution, tuple[TrialModel, ...], dict[str, float]]  # a minimum, models of the trials, noise levels
 BEST = 4  # of the points of a design, and of a grid: these are followed
 # Times the stiffness of the fit: a ring that lasts k periods fits one off as well, at (1 -+ 1/k)^2; k is 3 to 6.
 STIFFNESSES = (0.5, 2.0, 0.7, 1.4)
@@ -99,30 +100,36 @@ def maximum_likelihood(
     before = problem.simulations
     given = [problem.start] if start is None else [problem.start, problem.start | dict(start)]
     us, held, sigmas = [problem.space.to_search(p) for p in given], tethered(problem), dict(problem.sigmas)
-    seen, simulated = Seen(), bool(problem.mechanism.free)
-    path = Path(problem, held, sigmas, coarse=held is None and simulated)
-    ends = followed(path, us, path.stages, seen)
-    if ends:
-        settled = _settled(problem, ends[0][1], ends[0][0], sigmas)
-    if not ends or not _white(problem, settled[0].state):  # another start may explain more
+    path, seen = Path(problem, held, sigmas, coarse=held is None and bool(problem.mechanism.free)), Seen()
+    best = _best(problem, followed(path, us, path.stages, seen), sigmas, thorough)
+    if best is None or not _white(problem, best[0].state):  # another start may explain more
         found, sigmas = _elsewhere(problem, held, us, seen)
-        if found:
-            if ends and (again := _minimum(problem, ends[0][1], ends[0][0].state, sigmas, **CLOSELY)):
-                found.append((again, ends[0][1]))
-            ends = sorted(found, key=lambda end: end[0].state.cost)
-            settled = _settled(problem, ends[0][1], ends[0][0], sigmas)
-        elif not ends:
-            return failed(problem, time.perf_counter() - began, problem.simulations - before)
-    (solution, sigmas), models = settled, ends[0][1]
-    if thorough:
-        others = [end.state for end, _ in ends[1:]]
-        costs = problem.evaluator(models, sigmas), problem.apart(models, sigmas)
-        solution, sigmas = _settled(problem, models, lowest_around(problem, *costs, solution, others), sigmas)
+        again = best and _minimum(problem, best[1], best[0].state, sigmas, **CLOSELY)
+        here = [(again, best[1])] if best and again else []
+        if found and not (here and here[0][0].state.cost < found[0][0].state.cost + SAME_MINIMUM):
+            best = _best(problem, [*found, *here], sigmas, thorough)
+    if best is None:
+        return failed(problem, time.perf_counter() - began, problem.simulations - before)
+    solution, models, sigmas = best
     beside = neighbours(problem.evaluator(models, sigmas), solution.state, problem.space.limits) if thorough else []
     white = _white(problem, solution.state) and not _drawn_away(problem, models, solution.state)
-    minimum = Minimum(solution.state, solution.reason, models)
     spent = time.perf_counter() - began, problem.simulations - before
+    minimum = Minimum(solution.state, solution.reason, models)
     return finish(problem, minimum, sigmas, *spent, beside=beside, profiles=profiles, white=white)
+
+
+def _best(problem: Problem, ends: Sequence[Found], sigmas: dict[str, float], thorough: bool) -> Best | None:
+    """The best of the ends of searches, which comes first, at the noise levels that its residuals show; if it is to be
+    ``thorough``, the lowest minimum around it. None where there are no ends."""
+    if not ends:
+        return None
+    (first, models), *others = ends
+    solution, sigmas = _settled(problem, models, first, sigmas)
+    if thorough:
+        costs = problem.evaluator(models, sigmas), problem.apart(models, sigmas)
+        lower = lowest_around(problem, *costs, solution, [end.state for end, _ in others])
+        solution, sigmas = _settled(problem, models, lower, sigmas)
+    return solution, models, sigmas
 
 
 def lowest_around(
@@ -260,8 +267,7 @@ def _settled(
 ) -> tuple[Solution, dict[str, float]]:
     """The minimum at the noise levels that its residuals show, and these."""
     if len(problem.given) == len(problem.sigmas):
-        evaluate, limits = problem.evaluator(models, sigmas), problem.space.limits
-        return levenberg_marquardt(evaluate, solution.state, limits, iterations=20), sigmas
+        return _minimum(problem, models, solution.state, sigmas, iterations=20) or solution, sigmas
     for left in counted(range(NOISE_ROUNDS)[::-1], "noise levels"):
         before, sigmas = sigmas, _sigmas_of(problem, models, solution.state)
         change = max(abs(np.log(sigmas[name] / before[name])) for name in sigmas)

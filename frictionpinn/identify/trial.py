@@ -60,10 +60,9 @@ class TrialModel:
     directions: Directions | None = None
 
     def __post_init__(self) -> None:
-        if self.directions is not None or not self.inputs:
-            return
-        splines = [(item.names[0], item.columns, item.basis) for item in self.inputs]
-        object.__setattr__(self, "directions", Directions.of_splines(self.t, len(self.base.names), splines))
+        if self.inputs and self.directions is None:
+            splines = [(item.names[0], item.columns, item.basis) for item in self.inputs]
+            object.__setattr__(self, "directions", Directions.of_splines(self.t, len(self.base.names), splines))
 
     def begun(self, motion: Motion) -> TrialModel:
         """The model that begins where this motion does, as far as its position acts and was not measured."""
