@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from .directions import Directions
 from .paths import DEGREE
 
 _NODES = (1 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2  # ends included: the shifted pieces join
@@ -29,10 +28,7 @@ def shift_pieces(t: np.ndarray, coefficients: np.ndarray, shift: float, *, rate:
         coefficients: shape (n - 1, columns, 6), powers of t - t_k.
         shift: s, of any sign.
     """
-    made, columns = np.empty(coefficients.shape), np.arange(coefficients.shape[1])
-    piece, weights = _weights(t, shift, rate)
-    _shifted(t, np.ascontiguousarray(coefficients), columns, piece, weights, 0, len(t) - 2, made)
-    return made
+    return _shifted(t, np.ascontiguousarray(coefficients), *_weights(t, shift, rate))
 
 
 def together(shifts: Mapping[int, float]) -> list[tuple[float, slice | list[int]]]:
@@ -43,25 +39,6 @@ def together(shifts: Mapping[int, float]) -> list[tuple[float, slice | list[int]
         beside = columns[-1] - columns[0] == len(columns) - 1
         result.append((shift, slice(columns[0], columns[-1] + 1) if beside else columns))
     return result
-
-
-def shift_directions(t: np.ndarray, directions: Directions, shifts: Mapping[int, float]) -> Directions:
-    """Directions of paths some of whose columns act late, column -> s: each where it acts alone."""
-    given, support = directions.coefficients, directions.support.copy()
-    coefficients, places = np.zeros_like(given), np.arange(given.shape[2])
-    prompt = [column for column in places if column not in shifts]
-    coefficients[:, :, prompt] = given[:, :, prompt]
-    for shift, columns in together(shifts):
-        piece, weights = _weights(t, shift, False)
-        low, high = piece.min(axis=1), piece.max(axis=1)
-        for k, (first, last) in enumerate(directions.support):
-            near = np.flatnonzero((high >= first) & (low <= last))
-            if len(near):
-                ends = int(near[0]), int(near[-1])
-                _shifted(t, given[k], places[columns], piece, weights, *ends, coefficients[k])
-                support[k] = min(support[k, 0], ends[0]), max(support[k, 1], ends[1])
-    support[:, 0] = np.minimum.accumulate(support[::-1, 0])[::-1]  # in order still: too early costs little
-    return Directions.between_samples(directions.names, t, coefficients, support, directions.order)
 
 
 @njit(**_OPTIONS)
@@ -87,13 +64,13 @@ def _weights(t, shift, rate):
 
 
 @njit(**_OPTIONS)
-def _shifted(t, given, columns, piece, weights, first, last, made):
-    """Pieces first to last of the shifted columns into ``made``."""
-    count = given.shape[2]
+def _shifted(t, given, piece, weights):
+    """Pieces of the shifted columns."""
+    made, count = np.empty(given.shape), given.shape[2]
     values = np.empty(count)
-    for k in range(first, last + 1):
+    for k in range(len(t) - 1):
         per = 1 / (t[k + 1] - t[k])
-        for column in columns:
+        for column in range(given.shape[1]):
             for j in range(count):
                 values[j] = 0.0
                 for d in range(count):
@@ -105,6 +82,7 @@ def _shifted(t, given, columns, piece, weights, first, last, made):
                     total += _FROM_NODES[d, j] * values[j]
                 made[k, column, d] = total * scale
                 scale *= per
+    return made
 
 
 def slopes(t: np.ndarray, y: np.ndarray, jumps: Jumps = ()) -> np.ndarray:

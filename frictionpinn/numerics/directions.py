@@ -124,15 +124,52 @@ class Directions:
     @cached_property
     def first(self) -> np.ndarray:
         """At the first sample, shape (n_d, n_u), in the same order."""
-        result = np.zeros((len(self), self.pieces.shape[1]))
-        for at in self.piece[self.groups[:, 0] == 0, 0]:
-            acting = self.lanes[at] >= 0
-            result[self.lanes[at, acting]] = self.pieces[at, :, 0, acting]
+        result, powers = np.zeros((len(self), self.pieces.shape[1])), np.arange(DEGREE + 1)
+        for g in np.flatnonzero(self.groups[:, 0] == 0):
+            at, columns = self.piece[g, 0], slice(self.groups[g, 2], self.groups[g, 2] + self.groups[g, 3])
+            acting, value = self.lanes[at] >= 0, self.since[g, 0] ** powers @ self.pieces[at, columns]
+            result[self.lanes[at, acting], columns] = value.T[acting]
         return result
 
     def scaled(self, factors: np.ndarray) -> Directions:
         """The same with each input multiplied by a factor, shape (n_u,)."""
         return replace(self, pieces=self.pieces * factors[:, None, None])
+
+    def late(self, shifts: Mapping[int, float]) -> Directions:
+        """Of splines some of whose inputs act late, input -> s; straight lines beyond the first and the last sample.
+
+        A knot that comes between two samples acts from the nearer one on, where the path follows it in between: the
+        spline's fifth derivative jumps there. So does an end, from where lines go on: there one sample differs.
+        """
+        n, inputs = len(self.t) - 1, self.pieces.shape[1]
+        own, ends = np.array([shifts.get(column, 0.0) for column in range(inputs)]), self.t[[0, -1]]
+        pieces, lanes, groups, piece, since = [self.pieces], [self.lanes], [], [], []
+        for shift in dict.fromkeys(own.tolist()):
+            times = self.t[:-1] - shift
+            middle = times + np.diff(self.t) / 2
+            k = np.clip(np.searchsorted(self.t, middle, side="right") - 1, 0, n - 1)
+            for g, (_, _, first, count) in enumerate(self.groups):
+                acting = first + np.flatnonzero(own[first : first + count] == shift)
+                if not len(acting):
+                    continue
+                at, begun = self.piece[g, k], self.since[g, k] + times - self.t[k]
+                for end, outside in zip((0, -1), (middle < ends[0], middle > ends[1]), strict=True):
+                    if outside.any():
+                        nearest = self.piece[g, end]
+                        line = _tangent(self.pieces[nearest], self.since[g, end] + ends[end] - self.t[:-1][end])
+                        at[outside], begun[outside] = sum(len(made) for made in pieces), times[outside] - ends[end]
+                        pieces.append(line[None])
+                        lanes.append(self.lanes[[nearest]])
+                for beside in np.split(acting, 1 + np.flatnonzero(np.diff(acting) > 1)):
+                    groups.append([0, n - 1, beside[0], len(beside)])
+                    piece.append(at)
+                    since.append(begun)
+        support = np.clip(self.support, 0, n - 1)
+        begins, after = self.t[support[:, 0]] + min(own.min(), 0.0), self.t[support[:, 1] + 1] + max(own.max(), 0.0)
+        support = np.stack([np.searchsorted(self.t, begins) - 2, np.searchsorted(self.t, after) + 1], axis=1)
+        made = np.concatenate(pieces), np.concatenate(lanes), np.array(groups, np.int64).reshape(-1, 4)
+        support = np.ascontiguousarray(np.clip(support, 0, n - 1))  # wider costs little
+        return Directions(self.names, self.t, *made, np.array(piece), np.array(since), support, self.order)
 
     def beside(self, others: Directions) -> Directions:
         """These after the others, by name."""
@@ -151,6 +188,14 @@ class Directions:
             support[place],
             order[np.concatenate([others.order, self.order + shift])],
         )
+
+
+def _tangent(pieces: np.ndarray, x: float) -> np.ndarray:
+    """Straight lines, about x, that touch polynomials there, shape (..., 6, LANES)."""
+    powers, line = np.arange(DEGREE + 1), np.zeros_like(pieces)
+    line[..., 0, :] = np.tensordot(pieces, x**powers, (-2, 0))
+    line[..., 1, :] = np.tensordot(pieces[..., 1:, :], powers[1:] * x ** powers[:-1], (-2, 0))
+    return line
 
 
 def _support(coefficients: np.ndarray) -> np.ndarray:

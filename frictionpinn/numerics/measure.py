@@ -8,7 +8,7 @@ import numpy as np
 import sympy as sp
 
 from ..physics.mechanism import Mechanism
-from .delay import shift_directions, shift_pieces, shift_samples, slopes, together
+from .delay import shift_pieces, shift_samples, slopes, together
 from .directions import Directions
 from .jumps import find_stops
 from .paths import DEGREE, InputPath
@@ -41,11 +41,13 @@ class Drive:
         names = (*late.names, *(symbol.name for symbol in self.clocks))
         return InputPath(names, late.t, np.concatenate([late.coefficients, clocks], axis=1), late.session)
 
-    def directions(self, recorded: Directions, t: np.ndarray, p: np.ndarray) -> Directions:
-        """Return the changes of what acts for changes of the recorded inputs, these where no input acts late."""
-        if len(recorded) and (late := self._shifts(p)):
-            return shift_directions(t, recorded, late)
-        return recorded
+    def directions(self, given: Mapping[str, InputPath] | Directions, path: InputPath, p: np.ndarray) -> Directions:
+        """Return the changes of what acts for changes of the recorded inputs, a path; these where none acts late."""
+        late = self._shifts(p)
+        if isinstance(given, Directions):
+            return given.late(late) if late and len(given) else given
+        made = Directions.of(given, path)
+        return Directions.of({name: self._late(own, p) for name, own in given.items()}, path) if late else made
 
     def delay_direction(self, name: str, recorded: InputPath, p: np.ndarray) -> InputPath:
         """Return the derivative of what acts in the delay parameter ``name``."""

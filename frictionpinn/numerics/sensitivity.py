@@ -14,8 +14,8 @@ from numba import njit, types
 
 from .integrator import F1, F2, F3, INLINED, KERNEL, OPTIONS, copy_to, evaluate, factorize, gather, newton_matrix, place
 from .paths import DEGREE
+from .spline_basis import LANES
 
-LANES = DEGREE + 1  # of a group of directions, see directions.Directions
 F4 = types.float64[:, :, :, ::1]
 I1, I2 = types.int64[::1], types.int64[:, ::1]
 

@@ -270,10 +270,7 @@ class Simulator:
             if name not in valid:
                 fix = nearest(name, valid) or "use one of these"
                 raise UserError("unknown sensitivity", where=name, allowed=", ".join(valid), fix=fix)
-        if isinstance(directions, Directions):
-            ready = self._drive.directions(directions, path.t, p)
-        else:
-            ready = self._drive.directions(Directions.of(directions, path), path.t, p)
+        ready = self._drive.directions(directions, path, p)
         late = {name: self._drive.delay_direction(name, path, p) for name in names if name in self._drive.parameters}
         if late:
             ready = ready.beside(Directions.of(late, path))

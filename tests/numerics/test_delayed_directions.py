@@ -4,30 +4,36 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from frictionpinn.numerics.delay import shift_directions, shift_pieces
+from frictionpinn.numerics.delay import shift_pieces
 from frictionpinn.numerics.directions import Directions
 from frictionpinn.numerics.paths import DEGREE, InputPath
+from frictionpinn.numerics.simulate import Simulator
+from frictionpinn.numerics.spline_basis import PathBasis
+from frictionpinn.physics import LAWS, SYSTEMS
+from frictionpinn.physics.mechanism import Mechanism
 
-NAMES = ("theta", "omega", "alpha")
+NAMES = ("f", "theta", "omega", "alpha")
+PROMPT = {"sigma_0": 1e4, "sigma_1": 50.0, "sigma_2": 0.5, "mu_c": 0.2, "mu_s": 0.35, "v_s": 0.005}
 
 
-def local_directions(count: int, n: int, seed: int) -> tuple[np.ndarray, dict[str, InputPath], Directions]:
-    generator = np.random.default_rng(seed)
-    t = np.cumsum(generator.uniform(0.5, 1.5, n)) * 0.01
+def splines(n: int, seed: int) -> tuple[np.ndarray, list, dict[str, InputPath]]:
+    """A motion and a force on an uneven clock, knots ten samples apart, and each coefficient as a path of its own."""
+    t = np.cumsum(np.random.default_rng(seed).uniform(0.5, 1.5, n)) * 0.01
+    made = [("theta", (1, 2, 3), PathBasis.evenly(t, n // 10, 3)), ("f", (0,), PathBasis.evenly(t, n // 20, 1))]
     paths = {}
-    for k in generator.permutation(count):
-        coefficients = np.zeros((n - 1, len(NAMES), DEGREE + 1))
-        first = int(generator.integers(0, n - 2))
-        coefficients[first : first + 6] = generator.standard_normal(coefficients[first : first + 6].shape)
-        paths[f"c[{k}]"] = InputPath(NAMES, t, coefficients)
-    return t, paths, Directions.of(paths, next(iter(paths.values())))
+    for name, columns, basis in made:
+        for j in range(basis.size):
+            coefficients = np.zeros((n - 1, len(NAMES), DEGREE + 1))
+            coefficients[:, columns] = basis.path(np.eye(basis.size)[j])
+            paths[f"{name}[{j}]"] = InputPath(NAMES, t, coefficients)
+    return t, made, paths
 
 
 @settings(deadline=None, max_examples=30)
-@given(seed=st.integers(0, 1000), shifts=st.tuples(*[st.floats(-0.05, 0.05)] * 2))
+@given(seed=st.integers(0, 1000), shifts=st.lists(st.floats(-0.05, 0.05), min_size=3, max_size=3))
 def test_directions_act_late_as_each_path_does(seed, shifts):
-    t, paths, directions = local_directions(7, 40, seed)
-    late = {0: shifts[0], 2: shifts[1]}
+    t, made, paths = splines(60, seed)
+    late = dict(zip((0, 1, 3), shifts, strict=True))  # the rate between them is prompt
     expected = {}
     for name, path in paths.items():
         coefficients = path.coefficients.copy()
@@ -35,19 +41,51 @@ def test_directions_act_late_as_each_path_does(seed, shifts):
             coefficients[:, [column]] = shift_pieces(t, path.coefficients[:, [column]], shift)
         expected[name] = InputPath(NAMES, t, coefficients)
     expected = Directions.of(expected, path)
-    found = shift_directions(t, directions, late)
+    found = Directions.of_splines(t, len(NAMES), made).late(late)
     assert list(found) == list(expected)
-    size = np.abs(expected.coefficients).max()
-    assert np.abs(found.coefficients[found.order] - expected.coefficients[expected.order]).max() <= 1e-9 * size
-    assert np.abs(found.samples[found.order] - expected.samples[expected.order]).max() <= 1e-9 * size
+    told, own = found.samples[found.order], expected.samples[expected.order]
+    # Where a knot or an end comes between two samples the one follows it at six times, the other from the nearer on.
+    wrong, size = np.abs(told - own), np.abs(own).max(axis=(0, 1))
+    assert (wrong.max(axis=(0, 1)) <= 0.1 * size).all()
+    for column, shift in late.items():
+        inside = np.abs(t[:, None] - shift - t[[0, -1]]).min(axis=1) > 0.02
+        assert wrong[:, inside, column].max() <= 1e-3 * size[column]
+    assert np.abs(found.first[found.order] - told[:, 0]).max() <= 1e-9 * np.abs(own).max()
     assert (np.diff(found.support[:, 0]) >= 0).all()
+    acts = (np.abs(found.coefficients) > 0).any(axis=(2, 3))
+    for (first, last), own in zip(found.support, acts, strict=True):
+        assert not own[:first].any() and not own[last + 1 :].any()
 
 
 def test_what_stands_beside_directions_comes_first_in_name_and_where_it_first_acts():
-    t, _, directions = local_directions(4, 30, 1)
-    whole = InputPath(NAMES, t, np.ones((29, len(NAMES), DEGREE + 1)))
+    t, made, _ = splines(40, 1)
+    directions = Directions.of_splines(t, len(NAMES), made)
+    whole = InputPath(NAMES, t, np.ones((39, len(NAMES), DEGREE + 1)))
     found = directions.beside(Directions.of({"delay": whole}, whole))
     assert list(found) == ["delay", *directions]
     assert np.array_equal(found.coefficients[found.order[0]], whole.coefficients)
     assert np.array_equal(found.coefficients[found.order[1:]], directions.coefficients[directions.order])
-    assert tuple(found.support[found.order[0]]) == (0, 28)
+    assert tuple(found.support[found.order[0]]) == (0, 38)
+
+
+def test_a_motion_answers_to_coefficients_of_a_late_path_as_to_each():
+    simulator = Simulator(Mechanism(SYSTEMS["pob"](), LAWS["lugre"](), ("sensor_delay",)), as_shown=True)
+    t = np.linspace(0, 0.6, 241)
+    swing = {"theta": 0.3 * np.sin(6 * t), "omega": 1.8 * np.cos(6 * t), "alpha": -10.8 * np.sin(6 * t)}
+    signals = {name: swing.get(name, np.zeros(len(t))) for name in simulator.mechanism.input_signals}
+    path = InputPath.from_signals(simulator.mechanism, t, signals)
+    p = dict.fromkeys(simulator.parameter_names, 0.0) | PROMPT
+    p |= {name: 1.0 for name in p if name in SYSTEMS["pob"]().values} | SYSTEMS["pob"]().values
+    p |= {"sensor_delay_x": 0.004, "sensor_delay_v": 0.004, "sensor_delay_a": 0.004}
+    columns = tuple(path.names.index(name) for name in swing)
+    basis = PathBasis.evenly(t, 12, 3)
+    found = Directions.of_splines(t, len(path.names), [("theta", columns, basis)])
+    alone = {}
+    for j in range(basis.size):
+        coefficients = np.zeros_like(path.coefficients)
+        coefficients[:, columns] = basis.path(np.eye(basis.size)[j])
+        alone[f"theta[{j}]"] = path.through(coefficients)
+    answers = [simulator.simulate(t, path, p, sensitivities=["mu_c"], directions=own) for own in (found, alone)]
+    for signal, told in answers[0].sensitivities.items():
+        expected = answers[1].sensitivities[signal]
+        assert np.abs(told - expected).max() <= 1e-5 * np.abs(expected).max(), signal
