@@ -193,8 +193,7 @@ def beginnings(problem: Problem, state: State) -> list[State]:
     """The state with every trial that may begin at rest doing so, and barely sliding one way and the other.
 
     The first samples of the acceleration show on which side of zero the velocity begins, and no search crosses that:
-    dry friction turns round there. None where every trial's samples tell that it moves.
-    """
+    dry friction turns round there. None where every trial's samples tell that it moves."""
     velocities = {c.signals[1] for c in problem.mechanism.free}
     level = {name: UNTOLD_REST * problem.sigmas.get(name, np.inf) for name in velocities}
     at = [[k for k, name in enumerate(model.states) if name in velocities and abs(x[k]) < level[name]]
@@ -280,11 +279,8 @@ def _settled(
 
 
 def _louder(problem: Problem, state: State) -> dict[str, float]:
-    """Noise levels to begin other searches with: those of what is left under the shortest tether where these are far
-    larger.
-
-    Differences see nothing of filtered noise or of what a model lacks, and the search would weigh signals by that.
-    """
+    """Noise levels to begin other searches with: of what is left under the shortest tether where that is far louder.
+    Differences, by which the search would weigh signals, see nothing of filtered noise or of what a model lacks."""
     result = dict(problem.sigmas)
     for name in set(problem.channels.outputs) - set(problem.given):
         r = state.left(name)
@@ -297,8 +293,7 @@ def _sigmas_of(problem: Problem, models: Sequence[TrialModel], state: State) -> 
     """Noise levels from the residuals of the whole trials, degrees of freedom taken off; given ones stay.
 
     An output loses its share of the parameters and initial states, an input the spline coefficients that it determines:
-    the trace of its share of the normal matrix, over what the rows tell (an acceleration alone tells no position).
-    """
+    the trace of its share of the normal matrix, over what the rows tell (an acceleration alone tells no position)."""
     result, outputs = dict(problem.sigmas), problem.channels.outputs
     for name in set(problem.sigmas) - set(problem.given):
         r, used = state.left(name), 0.0

@@ -15,6 +15,7 @@ from .result import Estimate
 
 RISE_95 = 1.920729  # of the cost at the ends of a 95 % interval: half the quantile of chi-squared with one freedom
 STEP = 0.7  # standard errors between the values tried
+STEEP = 4.0  # times the parabola's rise, twice as steep: beyond, a stop was lost, and a nearer end is the parabola's
 FARTHEST, LONGEST = 12, 0.5  # steps to either side; length of one in log u at most: 12 reach a factor of 400
 
 
@@ -90,15 +91,19 @@ def profiled(problem: Problem, evaluate: Evaluate, state: State, name: str, rise
             if current.cost - min(found.values()) > rise:
                 break
 
+    def value(u: float) -> float:
+        return float(space.to_values(np.where(np.arange(len(state.u)) == i, u, state.u))[i])
+
     us = np.array(sorted(found))
-    points = np.where(np.arange(len(state.u)) == i, us[:, None], state.u)
-    costs = np.array([found[u] for u in us]) - min(found.values())
-    values = np.array([space.to_values(point)[i] for point in points])
+    costs, parabola = np.array([found[u] for u in us]) - min(found.values()), curvature * (us - state.u[i]) ** 2 / 2
     best, above = int(np.argmin(costs)), np.flatnonzero(costs > rise)
     least = 0.0 if space.below[i] < 0 else float(space.to_values(state.u)[space.below[i]])
     ends = [-np.inf if space.scales[i] else least, np.inf]  # where the cost stays lower within the bounds
-    if len(below := above[above < best]):
-        ends[0] = float(np.interp(rise, costs[[below[-1] + 1, below[-1]]], values[[below[-1] + 1, below[-1]]]))
-    if len(beyond := above[above > best]):
-        ends[1] = float(np.interp(rise, costs[[beyond[0] - 1, beyond[0]]], values[[beyond[0] - 1, beyond[0]]]))
+    for side, beyond in ((-1, above[above < best][-1:]), (1, above[above > best][:1])):
+        for k, inside in zip(beyond, beyond - side, strict=True):
+            end = np.interp(rise, costs[[inside, k]], us[[inside, k]])
+            if costs[k] > rise + STEEP * parabola[k]:
+                end = side * max(side * us[inside], side * state.u[i] + np.sqrt(2 * rise / curvature))
+            ends[side > 0] = value(end)
+    values = np.array([value(u) for u in us])
     return Profile(name, problem.mechanism.read_in[name], values, costs, (ends[0], ends[1]))

@@ -196,6 +196,25 @@ def test_a_profile_that_never_rises_reaches_from_nothing_to_infinity(drive):
     assert profiled(problem, evaluate, start, "mu_s", 1.92, iterations=2).ci95[0] == pytest.approx(TRUTH["mu_c"])
 
 
+@pytest.mark.parametrize("wall", [0.0, 40.0])
+def test_a_stop_that_a_profile_loses_makes_no_interval_narrow(drive, wall):
+    mechanism, _, noisy = drive
+    problem = Problem(mechanism, noisy)
+    n, fit = len(problem.names), problem.space.to_search(TRUTH)
+    i = problem.names.index("sigma_0")
+
+    def evaluate(u, locals_, derivatives, **_):
+        away = np.asarray(u) - fit
+        cost = 50.0 * float(away @ away) + (wall if away[i] > 0.01 else 0.0)  # a stop passes a sample, and none follows
+        own = Piece(cost, {}, 100.0 * np.eye(n), np.zeros((n, 0)), np.zeros((0, 0)), 100.0 * away, rows=(1.0, 1.0, 0.0))
+        return State(np.asarray(u), tuple(locals_), (own,))
+
+    start = evaluate(fit, [np.zeros(0)], True)
+    low, high = profiled(problem, evaluate, start, "sigma_0", 1.92, iterations=2).ci95
+    assert np.log(TRUTH["sigma_0"] / low) == pytest.approx(0.196, rel=0.05)
+    assert np.log(high / TRUTH["sigma_0"]) == pytest.approx(0.196, rel=0.05)
+
+
 def test_a_body_that_begins_at_rest_is_not_left_sliding_the_wrong_way():
     law, truth = LAWS["stribeck"](), {n: TRUTH[n] for n in ("mu_c", "mu_s", "v_s", "sigma_2")}
     clean = simulate_recording(SYSTEM, "stribeck", truth, TRIALS, 500.0)  # each begins at rest
