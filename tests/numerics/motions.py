@@ -7,7 +7,8 @@ import sympy as sp
 from scipy.integrate import solve_ivp
 from short_paths import LAW_VALUES, PATHS, TRUTH, T
 
-from frictionpinn.numerics.paths import InputPath
+from frictionpinn.numerics.directions import Directions
+from frictionpinn.numerics.paths import DEGREE, InputPath
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.contacts import by_parameter
@@ -62,3 +63,25 @@ def radau(mechanism, p, expressions, t, y0):
         lambda t, y: [*y[m : 2 * m], *rate(t, y)], (t[0], t[-1]), y0, "Radau", t, rtol=1e-9, atol=1e-11, max_step=2e-3
     )
     return solution.y
+
+
+def coefficient_paths(names, t, splines):
+    """Each coefficient of some splines (name, inputs and basis of each) as a path of its own, by its name."""
+    paths = {}
+    for name, columns, basis in splines:
+        for j in range(basis.size):
+            coefficients = np.zeros((len(t) - 1, len(names), DEGREE + 1))
+            coefficients[:, columns] = basis.path(np.eye(basis.size)[j])
+            paths[f"{name}[{j}]"] = InputPath(names, t, coefficients)
+    return paths
+
+
+def check_answers(sim, inputs, p, splines, tolerance):
+    """A motion answers to the coefficients of splines together as it does to the path of each."""
+    t = inputs.t
+    together, each = (Directions.of_splines(t, len(inputs.names), splines), coefficient_paths(inputs.names, t, splines))
+    told, expected = (
+        sim.simulate(t, inputs, p, sensitivities=["mu_c"], directions=own).sensitivities for own in (together, each)
+    )
+    for signal, own in expected.items():
+        assert np.abs(told[signal] - own).max() <= tolerance * np.abs(own).max(), signal

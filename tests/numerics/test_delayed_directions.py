@@ -3,6 +3,7 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from motions import check_answers, coefficient_paths, values
 
 from frictionpinn.numerics.delay import shift_pieces
 from frictionpinn.numerics.directions import Directions
@@ -13,20 +14,13 @@ from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
 NAMES = ("f", "theta", "omega", "alpha")
-PROMPT = {"sigma_0": 1e4, "sigma_1": 50.0, "sigma_2": 0.5, "mu_c": 0.2, "mu_s": 0.35, "v_s": 0.005}
 
 
 def splines(n: int, seed: int) -> tuple[np.ndarray, list, dict[str, InputPath]]:
     """A motion and a force on an uneven clock, knots ten samples apart, and each coefficient as a path of its own."""
     t = np.cumsum(np.random.default_rng(seed).uniform(0.5, 1.5, n)) * 0.01
     made = [("theta", (1, 2, 3), PathBasis.evenly(t, n // 10, 3)), ("f", (0,), PathBasis.evenly(t, n // 20, 1))]
-    paths = {}
-    for name, columns, basis in made:
-        for j in range(basis.size):
-            coefficients = np.zeros((n - 1, len(NAMES), DEGREE + 1))
-            coefficients[:, columns] = basis.path(np.eye(basis.size)[j])
-            paths[f"{name}[{j}]"] = InputPath(NAMES, t, coefficients)
-    return t, made, paths
+    return t, made, coefficient_paths(NAMES, t, made)
 
 
 @settings(deadline=None, max_examples=30)
@@ -74,18 +68,7 @@ def test_a_motion_answers_to_coefficients_of_a_late_path_as_to_each():
     swing = {"theta": 0.3 * np.sin(6 * t), "omega": 1.8 * np.cos(6 * t), "alpha": -10.8 * np.sin(6 * t)}
     signals = {name: swing.get(name, np.zeros(len(t))) for name in simulator.mechanism.input_signals}
     path = InputPath.from_signals(simulator.mechanism, t, signals)
-    p = dict.fromkeys(simulator.parameter_names, 0.0) | PROMPT
-    p |= {name: 1.0 for name in p if name in SYSTEMS["pob"]().values} | SYSTEMS["pob"]().values
+    p = dict.fromkeys(simulator.parameter_names, 0.0) | SYSTEMS["pob"]().values | values("lugre")
     p |= {"sensor_delay_x": 0.004, "sensor_delay_v": 0.004, "sensor_delay_a": 0.004}
     columns = tuple(path.names.index(name) for name in swing)
-    basis = PathBasis.evenly(t, 12, 3)
-    found = Directions.of_splines(t, len(path.names), [("theta", columns, basis)])
-    alone = {}
-    for j in range(basis.size):
-        coefficients = np.zeros_like(path.coefficients)
-        coefficients[:, columns] = basis.path(np.eye(basis.size)[j])
-        alone[f"theta[{j}]"] = path.through(coefficients)
-    answers = [simulator.simulate(t, path, p, sensitivities=["mu_c"], directions=own) for own in (found, alone)]
-    for signal, told in answers[0].sensitivities.items():
-        expected = answers[1].sensitivities[signal]
-        assert np.abs(told - expected).max() <= 1e-5 * np.abs(expected).max(), signal
+    check_answers(simulator, path, p, [("theta", columns, PathBasis.evenly(t, 12, 3))], 1e-5)

@@ -5,6 +5,7 @@ import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from motions import check_answers, coefficient_paths, values
 from scipy.interpolate import BSpline
 
 from frictionpinn.numerics.directions import Directions
@@ -16,7 +17,6 @@ from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.physics.system import TIME
 
 NAMES = ("f", "q", "v", "a")
-LUGRE = {"sigma_0": 1e4, "sigma_1": 50.0, "sigma_2": 0.5, "mu_c": 0.2, "mu_s": 0.35, "v_s": 0.005}
 
 
 def splines(seed: int, n: int) -> tuple[np.ndarray, list, dict[str, InputPath]]:
@@ -24,13 +24,8 @@ def splines(seed: int, n: int) -> tuple[np.ndarray, list, dict[str, InputPath]]:
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(0.5, 1.5, n)) * 0.01
     motion, force = (PathBasis.evenly(t, int(rng.integers(1, n // 3)), orders) for orders in (3, 1))
-    made, paths = [("q", (1, 2, 3), motion), ("f", (0,), force)], {}
-    for name, columns, basis in made:
-        for j in range(basis.size):
-            coefficients = np.zeros((n - 1, len(NAMES), DEGREE + 1))
-            coefficients[:, columns] = basis.path(np.eye(basis.size)[j])
-            paths[f"{name}[{j}]"] = InputPath(NAMES, t, coefficients)
-    return t, made, paths
+    made = [("q", (1, 2, 3), motion), ("f", (0,), force)]
+    return t, made, coefficient_paths(NAMES, t, made)
 
 
 @settings(deadline=None, max_examples=30)
@@ -69,14 +64,4 @@ def test_a_motion_answers_to_groups_of_coefficients_as_to_each(system):
     for c in driven:
         columns = tuple(path.names.index(name) for name in c.signals)
         made.append((c.signals[0], columns, PathBasis.evenly(t, 7, 3)))
-    found = Directions.of_splines(t, len(path.names), made)
-    alone = {}
-    for name, columns, basis in made:
-        for j in range(basis.size):
-            coefficients = np.zeros_like(path.coefficients)
-            coefficients[:, columns] = basis.path(np.eye(basis.size)[j])
-            alone[f"{name}[{j}]"] = path.through(coefficients)
-    answers = [simulator.simulate(t, path, LUGRE, sensitivities=["mu_c"], directions=own) for own in (found, alone)]
-    for signal, told in answers[0].sensitivities.items():
-        expected = answers[1].sensitivities[signal]
-        assert np.abs(told - expected).max() <= 1e-8 * np.abs(expected).max(), signal
+    check_answers(simulator, path, values("lugre"), made, 1e-8)
