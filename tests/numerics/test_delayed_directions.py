@@ -69,6 +69,6 @@ def test_a_motion_answers_to_coefficients_of_a_late_path_as_to_each():
     signals = {name: swing.get(name, np.zeros(len(t))) for name in simulator.mechanism.input_signals}
     path = InputPath.from_signals(simulator.mechanism, t, signals)
     p = dict.fromkeys(simulator.parameter_names, 0.0) | SYSTEMS["pob"]().values | values("lugre")
-    p |= {"sensor_delay_x": 0.004, "sensor_delay_v": 0.004, "sensor_delay_a": 0.004}
+    p["sensor_delay_x_v_a"] = 0.004  # all that is predicted is late alike: the inputs act late instead
     columns = tuple(path.names.index(name) for name in swing)
-    check_answers(simulator, path, p, [("theta", columns, PathBasis.evenly(t, 12, 3))], 1e-5)
+    check_answers(simulator, path, p, [("theta", columns, PathBasis.evenly(t, 12, 3))], 2e-3)  # one sample at the start
