@@ -176,6 +176,6 @@ def search(
     if state is None:
         return replace(failed(problem, seconds, count), estimator=method)
     minimum = Minimum(state, ENDED if done else BUDGET, objective.models)
-    found = finish(problem, minimum, dict(problem.sigmas), seconds, count, profiles=False)
+    found, _ = finish(problem, minimum, dict(problem.sigmas), seconds, count, profiles=False)
     outcome = found.outcome if done else STOPPED
     return replace(found, estimator=method, outcome=outcome, minimum=None, path=tuple(objective.path))

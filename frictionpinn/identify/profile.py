@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,6 +28,7 @@ class Profile:
         values: where it was held, SI units, increasing, shape (n,).
         cost: rise of the cost above its least value, shape (n,).
         ci95: where the rise is 1.92; infinite (0 below) where it stays lower within the bounds.
+        lowest: the best of these fits.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Profile:
     values: np.ndarray
     cost: np.ndarray
     ci95: tuple[float, float]
+    lowest: State = field(repr=False)
 
     def __str__(self) -> str:
         low, high = self.ci95
@@ -70,7 +72,7 @@ def profiled(problem: Problem, evaluate: Evaluate, state: State, name: str, rise
     """
     space, i = problem.space, problem.names.index(name)
     prior = problem.prior.distance(state.u)
-    found = {state.u[i]: state.cost - 0.5 * float(prior @ prior)}
+    found, lowest = {state.u[i]: state.cost - 0.5 * float(prior @ prior)}, state
     curvature = 1 / max(float(invert(reduced(state)[0])[i, i]), 1e-300)
     size = float(np.clip(STEP / np.sqrt(max(1e-12, curvature)), 1e-4, LONGEST))
     for side in (-1.0, 1.0):
@@ -87,6 +89,7 @@ def profiled(problem: Problem, evaluate: Evaluate, state: State, name: str, rise
             if first is None:
                 break
             current = levenberg_marquardt(evaluate, first, (low, high), iterations=iterations, decrease=0.05).state
+            lowest = current if current.cost < min(found.values()) else lowest
             found[target] = current.cost
             if current.cost - min(found.values()) > rise:
                 break
@@ -106,4 +109,4 @@ def profiled(problem: Problem, evaluate: Evaluate, state: State, name: str, rise
                 end = side * max(side * us[inside], side * state.u[i] + np.sqrt(2 * rise / curvature))
             ends[side > 0] = value(end)
     values = np.array([value(u) for u in us])
-    return Profile(name, problem.mechanism.read_in[name], values, costs, (ends[0], ends[1]))
+    return Profile(name, problem.mechanism.read_in[name], values, costs, (ends[0], ends[1]), lowest)

@@ -10,7 +10,8 @@ from frictionpinn.data.noise import GaussianNoise, OutlierNoise
 from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.data.simulated import simulate_trials
 from frictionpinn.errors import UserError
-from frictionpinn.identify import Problem, maximum_likelihood, profile
+from frictionpinn.identify import Problem, likelihood, maximum_likelihood, profile
+from frictionpinn.numerics.descent import Solution
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
 
@@ -55,6 +56,26 @@ def test_profile_agrees_with_the_curvature_where_the_likelihood_is_quadratic(pob
     found = profile(problem, estimate, "mu_c")
     low, high = estimate.ci95["mu_c"]
     assert found.ci95[1] - found.ci95[0] == pytest.approx(high - low, rel=0.4)
+
+
+def test_a_fit_goes_on_from_where_the_profile_of_a_parameter_goes_below_it(monkeypatch):
+    mechanism, _, _, noisy, _ = case("pob", "lugre")
+    problem, best, found = Problem(mechanism, noisy), likelihood._best, []
+
+    def beside_the_minimum_at_first(problem, ends, sigmas, thorough):
+        solution, models, sigmas = best(problem, ends, sigmas, thorough)
+        if not found:
+            factors = {"mu_s": 1.5, "v_s": 2.0}
+            u = solution.state.u + [np.log(factors.get(name, 1.0)) for name in problem.names]
+            state = problem.evaluator(models, sigmas)(u, solution.state.locals, True)
+            solution = Solution(state, solution.reason)
+        found.append(solution.state.cost)
+        return solution, models, sigmas
+
+    monkeypatch.setattr(likelihood, "_best", beside_the_minimum_at_first)
+    estimate = maximum_likelihood(problem, thorough=False)
+    assert len(found) > 1
+    assert estimate.cost == found[-1] < found[0] - 1.0
 
 
 @pytest.mark.parametrize(
