@@ -10,7 +10,7 @@ past samples (:mod:`frictionpinn.numerics.stops`). So the search goes
    the start of the next (:mod:`frictionpinn.identify.tether`): at the sample, or where that is too rugged or nothing
    holds a simulated motion from a coarse resolution in time on (:func:`_whole`); then at the noise levels that the
    residuals show (:func:`_settled`). Held closely the likelihood is so smooth that a contact's parameters come of
-   one start; else, and for what shapes an effect, a design has others (:mod:`frictionpinn.identify.start`);
+   one start, if it can be simulated; else, and for what shapes an effect, a design has others (:func:`designed`);
 2. around what was found, with a bristle in each trial's own unknowns (:func:`lowest_of_trials`), and by ways that show
    lower minima of the parameters (:func:`lowest_around`). Trials share the parameters alone: the likelihood has its
    minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each trial has been
@@ -100,8 +100,9 @@ def maximum_likelihood(
     before = problem.simulations
     given = [problem.start] if start is None else [problem.start, problem.start | dict(start)]
     held, us = tethered(problem), [problem.space.to_search(p) for p in given]
-    path = Path(problem, held, problem.sigmas, coarse=held is None and bool(problem.mechanism.free))
-    best = _best(problem, *_whole(path, [*us, *lowest(path, designed(problem, held is not None), BEST)]), thorough)
+    loose = held is None and bool(problem.mechanism.free)
+    path = Path(problem, held, problem.sigmas, coarse=loose)
+    best = _best(problem, *_whole(path, [*us, *lowest(path, designed(problem, loose), BEST)]), thorough)
     if best is None:
         return failed(problem, time.perf_counter() - began, problem.simulations - before)
     while True:
@@ -234,13 +235,17 @@ def _drawn_away(problem: Problem, models: Sequence[TrialModel], state: State) ->
 
 def _whole(path: Path, us: Sequence[np.ndarray]) -> tuple[list[Found], Mapping[str, float]]:
     """Fits of whole trials from the starts, best first, and the noise levels that these were found at: from a coarse
-    resolution on where the path at the sample is too rugged to begin with."""
-    found = followed(path, us, path.stages)
-    if found or not path.problem.mechanism.free:
+    resolution on where the path at the sample is too rugged to begin with, from a design where no start can be
+    simulated."""
+    problem = path.problem
+    if found := followed(path, us, path.stages):
         return found, path.sigmas
-    path = replace(path, coarse=True)
-    if first := followed(path, us, path.stages[:1]):
-        path = replace(path, sigmas=_louder(path.problem, first[0][0].state))
+    path = replace(path, coarse=bool(problem.mechanism.free))
+    if not (first := followed(path, us, path.stages[:1])):
+        us = lowest(path, designed(problem, contacts=True), BEST)
+        first = followed(path, us, path.stages[:1])
+    if first:
+        path = replace(path, sigmas=_louder(problem, first[0][0].state))
     return followed(path, us, path.stages), path.sigmas
 
 

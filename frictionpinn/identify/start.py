@@ -14,13 +14,12 @@ UNTOLD = ("sigma_0", "sigma_1", "mu_s", "v_s")  # what sliding samples do not te
 DESIGN_POINTS = 64  # of a design, a power of two: only so is it spread evenly
 
 
-def designed(problem: Problem, held: bool) -> list[np.ndarray]:
+def designed(problem: Problem, contacts: bool) -> list[np.ndarray]:
     """Search vectors spread evenly (Sobol) over what shapes effects: a wavelength or a frequency has a minimum wherever
-    it beats with the true one. Where a motion is simulated that is not ``held`` to the measured one, over what sliding
-    samples do not tell of the contacts, too. None where there is neither."""
+    it beats with the true one; and over what sliding samples do not tell of the ``contacts``, if they are asked for.
+    None where there is neither."""
     space, start = problem.space, problem.start
-    loose = not held and bool(problem.mechanism.free)
-    names = [*(name for name in space.names if plain_name(name) in UNTOLD and loose), *problem.shapes]
+    names = [*(name for name in space.names if plain_name(name) in UNTOLD and contacts), *problem.shapes]
     if not names:
         return []
     made = []

@@ -11,6 +11,7 @@ from omegaconf import OmegaConf
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem, maximum_likelihood
+from frictionpinn.identify.likelihood import BEST
 from frictionpinn.identify.start import designed
 from frictionpinn.identify.tether import (
     FADING,
@@ -126,20 +127,27 @@ def test_a_path_whose_first_search_at_the_sample_comes_to_no_end_is_not_walked(b
     assert set(asked) == {path.stages[0]}
 
 
-@pytest.mark.parametrize("rugged", [True, False])
-def test_where_the_sample_is_too_rugged_to_begin_with_the_path_begins_at_the_coarsest_resolution(
-    box, monkeypatch, rugged
+@pytest.mark.parametrize("failing", [0, 1, 2])
+def test_where_the_sample_is_too_rugged_the_path_begins_coarse_and_where_no_start_can_be_simulated_from_a_design(
+    box, monkeypatch, failing
 ):
     problem, _ = box
-    walked = []
+    walked, closely, coarse = [], [], problem.resolutions[:-1]
 
     def walk(path, us, stages):
-        walked.append([width for _, width in stages if width])
-        return [] if rugged and len(walked) == 1 else followed(path, us, stages)
+        walked.append(([width for _, width in stages if width], len(us)))
+        return [] if len(walked) <= failing else followed(path, us, stages)
 
     monkeypatch.setattr("frictionpinn.identify.likelihood.followed", walk)
     assert maximum_likelihood(problem, thorough=False, profiles=False).outcome not in ("failed", "not explained")
-    assert walked == [[], *([problem.resolutions[:1], problem.resolutions[:-1]] if rugged else [])]
+    assert (
+        walked
+        == {
+            0: [(closely, 1)],
+            1: [(closely, 1), (coarse[:1], 1), (coarse, 1)],
+            2: [(closely, 1), (coarse[:1], 1), (coarse[:1], BEST), (coarse, BEST)],
+        }[failing]
+    )
 
 
 def test_starts_are_compared_at_the_sample_and_not_before(box, monkeypatch):
@@ -174,12 +182,12 @@ def test_held_closely_the_start_nearest_to_the_truth_is_ranked_first(box):
 
 def test_where_nothing_holds_the_motion_a_design_reaches_beyond_the_start_in_what_sliding_does_not_tell(box):
     problem, _ = box
-    values = [problem.space.named(u) for u in designed(problem, held=False)]
+    values = [problem.space.named(u) for u in designed(problem, contacts=True)]
     for name in ("sigma_0", "sigma_1", "v_s"):
         own = [p[name] for p in values]
         assert min(own) < 0.5 * problem.start[name] < 2 * problem.start[name] < max(own)
     assert all(p["mu_s"] > p["mu_c"] == pytest.approx(problem.start["mu_c"]) for p in values)
-    assert designed(problem, held=True) == []
+    assert designed(problem, contacts=False) == []
 
 
 def test_what_shows_accelerations_alone_is_not_held(box):
