@@ -9,8 +9,8 @@ past samples (:mod:`frictionpinn.numerics.stops`). So the search goes
 1. over whole trials, noisy inputs among the unknowns, held to the motion that was measured and let go of, each minimum
    the start of the next (:mod:`frictionpinn.identify.tether`): at the sample, or where that is too rugged or nothing
    holds a simulated motion from a coarse resolution in time on (:func:`_whole`); then at the noise levels that the
-   residuals show (:func:`_settled`). Held closely the likelihood is so smooth that a contact's parameters come of
-   one start, if it can be simulated; else, and for what shapes an effect, a design has others (:func:`designed`);
+   residuals show (:func:`_settled`). Held closely at the sample the likelihood is so smooth that a contact's parameters
+   come of one start; from a coarse resolution, and for what shapes an effect, a design has others (:func:`designed`);
 2. around what was found, with a bristle in each trial's own unknowns (:func:`lowest_of_trials`), and by ways that show
    lower minima of the parameters (:func:`lowest_around`). Trials share the parameters alone: the likelihood has its
    minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each trial has been
@@ -235,16 +235,13 @@ def _drawn_away(problem: Problem, models: Sequence[TrialModel], state: State) ->
 
 def _whole(path: Path, us: Sequence[np.ndarray]) -> tuple[list[Found], Mapping[str, float]]:
     """Fits of whole trials from the starts, best first, and the noise levels that these were found at: from a coarse
-    resolution on where the path at the sample is too rugged to begin with, from a design where no start can be
-    simulated."""
+    resolution on, and from others that a design holds, where the path at the sample is too rugged to begin with."""
     problem = path.problem
     if found := followed(path, us, path.stages):
         return found, path.sigmas
     path = replace(path, coarse=bool(problem.mechanism.free))
-    if not (first := followed(path, us, path.stages[:1])):
-        us = lowest(path, designed(problem, contacts=True), BEST)
-        first = followed(path, us, path.stages[:1])
-    if first:
+    us = [*us, *lowest(path, designed(problem, contacts=True), BEST)]
+    if first := followed(path, us, path.stages[:1]):
         path = replace(path, sigmas=_louder(problem, first[0][0].state))
     return followed(path, us, path.stages), path.sigmas
 
