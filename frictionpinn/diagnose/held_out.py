@@ -95,7 +95,7 @@ def own_unknowns(path: Path, models: Sequence[TrialModel], first: State) -> Solu
     problem, at = path.problem, (first.u, first.u)
     evaluate, widths = problem.evaluator(models, path.sigmas), problem.resolutions
     ends = [coarse_to_fine(evaluate, first, at, widths[-1:])]
-    ends += [end for end, _ in followed(path, [first.u], path.stages)]
+    ends += [end for end, _ in followed(path, [first.u], path.stages, {})]
     if not any(ends):
         return None
     best = min(filter(None, ends), key=lambda end: end.state.cost)

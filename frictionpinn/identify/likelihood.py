@@ -7,15 +7,16 @@ the samples show (:func:`frictionpinn.numerics.jumps.beside_jumps`), and whereve
 past samples (:mod:`frictionpinn.numerics.stops`). So the search goes
 
 1. over whole trials, noisy inputs among the unknowns, held to the motion that was measured and let go of, each minimum
-   the start of the next (:mod:`frictionpinn.identify.tether`): at the sample, or where that is too rugged or nothing
-   holds a simulated motion from a coarse resolution in time on (:func:`_whole`); then at the noise levels that the
-   residuals show (:func:`_settled`). Held closely at the sample the likelihood is so smooth that a contact's parameters
-   come of one start; from a coarse resolution, and for what shapes an effect, a design has others (:func:`designed`);
+   the start of the next (:mod:`frictionpinn.identify.tether`), at the noise levels that the residuals show
+   (:func:`_settled`);
 2. around what was found, with a bristle in each trial's own unknowns (:func:`lowest_of_trials`), and by ways that show
    lower minima of the parameters (:func:`lowest_around`). Trials share the parameters alone: the likelihood has its
    minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each trial has been
-   there, and they are put together (:func:`frictionpinn.numerics.minima.assembled`). Where a profile then goes lower,
-   once more around there.
+   there, and they are put together (:func:`frictionpinn.numerics.minima.assembled`);
+3. where that leaves what is not white, once more from a coarse resolution in time to the sample before, unless the
+   motion is imposed and no error adds up, and from other starts, too: a design over what the sliding samples do not
+   tell and a grid over what moves together, those that fit best held by the shortest tether (:func:`_elsewhere`). Where
+   the profile of a parameter that is told poorly then goes lower, around that.
 """
 
 from __future__ import annotations
@@ -40,13 +41,13 @@ from ..physics.mechanism import Mechanism
 from ..progress import counted
 from .problem import Problem
 from .result import Estimate, Minimum
-from .start import designed
-from .tether import Found, Path, followed, lowest, tethered
+from .start import coarse_design, ridge_grid
+from .tether import Found, Path, Seen, followed, lowest, tethered
 from .trial import TrialModel
 from .uncertainty import failed, finish, neighbours
 
 Best = tuple[Solution, tuple[TrialModel, ...], dict[str, float]]  # a minimum, models of the trials, noise levels
-BEST = 4  # of the points of a design: these are followed
+BEST = 4  # of the points of a design, and of a grid: these are followed
 # Times the stiffness of the fit: a ring that lasts k periods fits one off as well, at (1 -+ 1/k)^2; k is 3 to 6.
 STIFFNESSES = (0.5, 2.0, 0.7, 1.4)
 # Times the Stribeck velocity of the fit: much friction at rest that is soon lost, or less that is lost later, may fit.
@@ -99,10 +100,15 @@ def maximum_likelihood(
         problem = Problem(mechanism, recording, **options)
     before = problem.simulations
     given = [problem.start] if start is None else [problem.start, problem.start | dict(start)]
-    held, us = tethered(problem), [problem.space.to_search(p) for p in given]
-    loose = held is None and bool(problem.mechanism.free)
-    path = Path(problem, held, problem.sigmas, coarse=loose)
-    best = _best(problem, *_whole(path, [*us, *lowest(path, designed(problem, loose), BEST)]), thorough)
+    us, held, sigmas = [problem.space.to_search(p) for p in given], tethered(problem), dict(problem.sigmas)
+    path, seen = Path(problem, held, sigmas, coarse=held is None and bool(problem.mechanism.free)), Seen()
+    best = _best(problem, followed(path, us, path.stages, seen), sigmas, thorough)
+    if best is None or not _white(problem, best[0].state):  # another start may explain more
+        found, sigmas = _elsewhere(problem, held, us, seen)
+        again = best and _minimum(problem, best[1], best[0].state, sigmas, **CLOSELY)
+        here = [(again, best[1])] if best and again else []
+        if found and not (here and here[0][0].state.cost < found[0][0].state.cost + SAME_MINIMUM):
+            best = _best(problem, [*found, *here], sigmas, thorough)
     if best is None:
         return failed(problem, time.perf_counter() - began, problem.simulations - before)
     while True:
@@ -111,15 +117,14 @@ def maximum_likelihood(
         white = _white(problem, solution.state) and not _drawn_away(problem, models, solution.state)
         spent = time.perf_counter() - began, problem.simulations - before
         minimum = Minimum(solution.state, solution.reason, models)
-        estimate, found = finish(problem, minimum, sigmas, *spent, beside=beside, profiles=profiles, white=white)
-        ends = [_minimum(problem, models, state, sigmas) for state in found if state is not solution.state]
-        lower = min(filter(None, ends), key=lambda end: end.state.cost, default=solution)
-        if lower.state.cost > solution.state.cost - SAME_MINIMUM * solution.state.unit:
+        estimate, profiled = finish(problem, minimum, sigmas, *spent, beside=beside, profiles=profiles, white=white)
+        lower = None if profiled is solution.state else _minimum(problem, models, profiled, sigmas)
+        if not lower or lower.state.cost > solution.state.cost - SAME_MINIMUM * solution.state.unit:
             return estimate
         best = _best(problem, [(lower, models)], sigmas, thorough) or best  # a profile went below the fit
 
 
-def _best(problem: Problem, ends: Sequence[Found], sigmas: Mapping[str, float], thorough: bool) -> Best | None:
+def _best(problem: Problem, ends: Sequence[Found], sigmas: dict[str, float], thorough: bool) -> Best | None:
     """The best of the ends of searches, which comes first, at the noise levels that its residuals show; if it is to be
     ``thorough``, the lowest minimum around it. None where there are no ends."""
     if not ends:
@@ -233,17 +238,23 @@ def _drawn_away(problem: Problem, models: Sequence[TrialModel], state: State) ->
     return told > 0 < rest and left > 0 and float(f.sf(away / told * rest / left, told, rest)) < SIGNIFICANCE
 
 
-def _whole(path: Path, us: Sequence[np.ndarray]) -> tuple[list[Found], Mapping[str, float]]:
-    """Fits of whole trials from the starts, best first, and the noise levels that these were found at: from a coarse
-    resolution on, and from others that a design holds, where the path at the sample is too rugged to begin with."""
-    problem = path.problem
-    if found := followed(path, us, path.stages):
-        return found, path.sigmas
-    path = replace(path, coarse=bool(problem.mechanism.free))
-    us = [*us, *lowest(path, designed(problem, contacts=True), BEST)]
-    if first := followed(path, us, path.stages[:1]):
-        path = replace(path, sigmas=_louder(problem, first[0][0].state))
-    return followed(path, us, path.stages), path.sigmas
+def _elsewhere(
+    problem: Problem, held: Problem | None, us: Sequence[np.ndarray], seen: Seen
+) -> tuple[list[Found], dict[str, float]]:
+    """Fits of the whole trials from a coarse resolution on, best first, and noise levels to begin with: from the starts
+    ``us`` and from others that a design holds, without what comes to minima that were ``seen`` at the noise levels of
+    the problem."""
+    path = Path(problem, held, problem.sigmas, coarse=bool(problem.mechanism.free))
+    design = [u for u in coarse_design(problem) if not any(np.array_equal(u, given) for given in us)]
+    us = [*us, *lowest(path, design, BEST)] if path.coarse or not seen else lowest(path, design, BEST)
+    if not (first := followed(path, us, path.stages[:1], {})):
+        return [], dict(problem.sigmas)
+    best = first[0][0].state  # around it a grid is laid, and its residuals tell the noise
+    grid, sigmas = lowest(path, ridge_grid(problem.space, best.u, problem.fixed), BEST), _louder(problem, best)
+    known, path = seen if sigmas == problem.sigmas else {}, replace(path, sigmas=sigmas)
+    if len(path.stages) == 1 and sigmas == problem.sigmas:  # the first were followed to the end
+        return [*first, *followed(path, grid, path.stages, known)], sigmas
+    return followed(path, [*us, *grid], path.stages, known), sigmas
 
 
 def _minimum(
@@ -256,10 +267,9 @@ def _minimum(
 
 
 def _settled(
-    problem: Problem, models: Sequence[TrialModel], solution: Solution, sigmas: Mapping[str, float]
+    problem: Problem, models: Sequence[TrialModel], solution: Solution, sigmas: dict[str, float]
 ) -> tuple[Solution, dict[str, float]]:
     """The minimum at the noise levels that its residuals show, and these."""
-    sigmas = dict(sigmas)
     if len(problem.given) == len(problem.sigmas):
         return _minimum(problem, models, solution.state, sigmas, iterations=20) or solution, sigmas
     for left in counted(range(NOISE_ROUNDS)[::-1], "noise levels"):

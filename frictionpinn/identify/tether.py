@@ -25,10 +25,10 @@ import numpy as np
 import sympy as sp
 from scipy.stats import f
 
-from ..numerics.descent import CLOSELY, GIVEN, NEAR, ROUGHLY, UNFINISHED, Solution, levenberg_marquardt
+from ..numerics.descent import CLOSELY, GIVEN, KNOWN, NEAR, ROUGHLY, UNFINISHED, Solution, levenberg_marquardt
 from ..numerics.parallel import in_parallel
 from ..numerics.paths import InputPath, cubic
-from ..numerics.quadratic import SAME_MINIMUM, Evaluate, State, same_minimum
+from ..numerics.quadratic import SAME_MINIMUM, Evaluate, Known, State, same_minimum
 from ..numerics.simulate import ContactLost, SimulationFailed, Simulator
 from ..numerics.whiteness import SIGNIFICANCE
 from ..physics.base import Parameter
@@ -45,13 +45,13 @@ FADING = 2.0  # times longer is each tether than the one before
 LONGEST = 3.0  # times the longest trial: a tether that holds hardly anything
 LOST = 1.5  # times the cost of a trial: let go of at once, its motion is another one
 HALVED = 4  # times at most is a step from one tether to the next halved, a budget
-
 SLOPPY = {"rtol": 1e-3, "atol": 1e-4}  # errors of a step in ranking starts: far below what these differ by
 
 Stage = tuple[float, float]  # tether, 1/s, and resolution in time, s
 Begun = tuple[State, tuple[TrialModel, ...]]  # where a search begins, and the models of the trials there
 Found = tuple[Solution, tuple[TrialModel, ...]]  # where it ended
 Led = tuple[Solution, tuple[TrialModel, ...], Problem | None]  # and what holds the motion of the search from there on
+Seen = dict[Stage, list[Known]]  # minima of the stages that searches have been in
 
 
 @dataclass(frozen=True, repr=False)
@@ -165,13 +165,14 @@ def lowest(path: Path, us: Sequence[np.ndarray], count: int) -> list[np.ndarray]
     return [us[k] for k in np.argsort(costs, kind="stable")[:count] if np.isfinite(costs[k])]
 
 
-def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage]) -> list[Found]:
+def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen: Seen) -> list[Found]:
     """Fits of the whole trials, best first: all starts down to the sample, since the lowest at a coarse resolution is
     often another one, and from one tether to the next the best of these. Another stays beside it as long as it is about
-    as good but elsewhere.
+    as good but elsewhere. What comes to a minimum that was ``seen`` by a search at these noise levels would go its way,
+    and is left; those that are followed are added.
 
-    Empty where none can be simulated, or where the best comes to no end at the sample, however closely it is held: that
-    is too rugged to begin with. (An imposed motion is not: it takes long where a body rests.)
+    Empty where all are left, or where the best comes to no end at the sample, however closely it is held: that is too
+    rugged to begin with. (An imposed motion is not: it takes long where a body rests.)
     """
     last = path.stages[-1]
     begun = [pair for u in us if (pair := path.begun(u)) is not None]
@@ -190,7 +191,7 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage]) -> l
             return None
         how = (CLOSELY if stage == last else ROUGHLY) | {"damping": 0.0 if at.reason == GIVEN else NEAR}
         limits = (first.u, first.u) if path.given else path.problem.space.limits
-        found = levenberg_marquardt(evaluate, first, limits, **how)
+        found = levenberg_marquardt(evaluate, first, limits, known=seen.get(stage, ()), **how)
         if path.beside and found.state.cost > path.beside[0].cost:
             return None
         if held is not None and stage[0] and not stage[1]:
@@ -212,8 +213,11 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage]) -> l
         for end in lower:
             near = stage[1] > 0 or end[0].state.cost <= best.cost + AS_NEAR * best.unit
             apart = near and not any(same_minimum(other.state, end[0].state) for other, *_ in ends)
-            if apart or stage == last:
+            if end[0].reason != KNOWN and (apart or stage == last):
                 ends.append(end)
+        if not ends:
+            return []
+        seen.setdefault(stage, []).extend(Known.of(end.state) for end, *_ in ends)
     return [(found, models) for found, models, _ in ends]
 
 
@@ -228,7 +232,7 @@ def regained(problem: Problem, held: Problem, sigmas: Mapping[str, float], begun
     state, models = begun
     while (only := lagging(state)) is not None:
         path = Path(problem, held, sigmas, coarse=True, only=only, beside=(state, models))
-        ends = followed(path, [state.u], path.stages)
+        ends = followed(path, [state.u], path.stages, {})
         if not ends or ends[0][0].state.cost > state.cost - SAME_MINIMUM:
             break
         found = ends[0][0]

@@ -116,8 +116,8 @@ def finish(
     beside: Sequence[State] = (),
     profiles: bool = True,
     white: bool = True,
-) -> tuple[Estimate, list[State]]:
-    """The estimate from where the search ended, and the lowest fits of the profiles that were asked for.
+) -> tuple[Estimate, State]:
+    """The estimate from where the search ended, and the lowest fit that it or its profiles have seen.
 
     Intervals are those of the data alone, without the prior: from the likelihood's curvature where a parameter is told
     to ``SHARP`` of itself, else from its profile, to one side or to both. They are widened for points ``beside``
@@ -154,7 +154,7 @@ def finish(
 
     slides = any(motion.fast.any() for motion in problem.motions)
     evaluate = problem.evaluator(minimum.models, sigmas, prior=False)
-    ci95, lowest, errors = {}, [], np.sqrt(np.diag(covariance))
+    ci95, lowest, errors = {}, state, np.sqrt(np.diag(covariance))
     for i, name in enumerate(counted(names, "intervals")):
         least, most = interval(p[i], errors[i], bool(positive[i]))
         ci95[name] = max(least, table[name].low), min(most, table[name].high)
@@ -163,19 +163,17 @@ def finish(
             ci95[name] = one_sided(space, state, i, RISE_95 * factor)
         elif profiles and blunt and (slides or not at[i]):
             profile = profiled(problem, evaluate, state, name, RISE_95 * factor, iterations=6)
-            lowest.append(profile.lowest)
-            least, most = profile.ci95
+            lowest, (least, most) = min(lowest, profile.lowest, key=lambda end: end.cost), profile.ci95
             ci95[name] = min(least, p[i]), max(most, p[i])  # the prior, or a minimum that the profile left, holds it
 
     hidden = [names[i] for i in np.flatnonzero(mask)]
     outcome, advice = verdict(problem, minimum, covariance, ci95, hidden, at_limit, at_bound, memory, white)
-    estimate = Estimate(
+    return Estimate(
         ESTIMATOR, names, value, {name: problem.mechanism.read_in[name] for name in names}, covariance, ci95, outcome,
         advice, state.cost, simulations, seconds, sigmas,
         {model.trial: piece.residuals for model, piece in zip(minimum.models, state.pieces, strict=True)},
         problem.prior.about, minimum,
-    )  # fmt: skip
-    return estimate, lowest
+    ), lowest  # fmt: skip
 
 
 def failed(problem: Problem, seconds: float, simulations: int) -> Estimate:

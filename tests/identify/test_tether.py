@@ -12,7 +12,7 @@ from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import Problem, maximum_likelihood
 from frictionpinn.identify.likelihood import BEST
-from frictionpinn.identify.start import designed
+from frictionpinn.identify.start import coarse_design
 from frictionpinn.identify.tether import (
     FADING,
     LONGEST,
@@ -100,7 +100,7 @@ def test_every_tether_holds_to_the_motion_found_under_the_one_before(box, monkey
 
     monkeypatch.setattr(Path, "cost", recorded)
     monkeypatch.setattr("frictionpinn.identify.tether.led", leading)
-    followed(path, [problem.space.to_search(problem.start)], path.stages)
+    followed(path, [problem.space.to_search(problem.start)], path.stages, {})
     rates, holders = zip(*held_to, strict=True)
     assert rates == pytest.approx([tether for tether, _ in path.stages])
     assert len(found) == len(tethers(problem))
@@ -110,7 +110,7 @@ def test_every_tether_holds_to_the_motion_found_under_the_one_before(box, monkey
 def test_let_go_the_fit_ends_in_the_minimum_of_the_truth(box):
     problem, truth = box
     path = Path(problem, tethered(problem), problem.sigmas)
-    found = followed(path, [problem.space.to_search(problem.start)], path.stages)
+    found = followed(path, [problem.space.to_search(problem.start)], path.stages, {})
     solution, models = found[0]
     evaluate = problem.evaluator(models)
     begun = evaluate(problem.space.to_search(truth), [m.local[: m.size(problem.joint)] for m in models], True)
@@ -123,22 +123,40 @@ def test_a_path_whose_first_search_at_the_sample_comes_to_no_end_is_not_walked(b
     path, asked, cost = Path(problem, tethered(problem), problem.sigmas), [], Path.cost
     monkeypatch.setattr(Path, "cost", lambda self, models, stage: asked.append(stage) or cost(self, models, stage))
     monkeypatch.setattr("frictionpinn.identify.tether.ROUGHLY", {"iterations": 1, "decrease": 0.1})
-    assert followed(path, [problem.space.to_search(problem.start)], path.stages) == []
+    assert followed(path, [problem.space.to_search(problem.start)], path.stages, {}) == []
     assert set(asked) == {path.stages[0]}
 
 
-@pytest.mark.parametrize("rugged", [False, True])
-def test_where_the_sample_is_too_rugged_the_path_begins_coarse_and_a_design_has_other_starts(box, monkeypatch, rugged):
+def test_what_comes_to_where_another_search_has_been_is_left(box):
     problem, _ = box
-    walked, coarse = [], problem.resolutions[:-1]
+    path, u, seen = Path(problem, tethered(problem), problem.sigmas), problem.space.to_search(problem.start), {}
+    begun = problem.simulations
+    assert followed(path, [u], path.stages, seen)
+    walked, begun = problem.simulations - begun, problem.simulations
+    assert set(seen) == set(path.stages)
+    assert followed(path, [u + 0.1], path.stages, seen) == []
+    assert problem.simulations - begun < 0.5 * walked
 
-    def walk(path, us, stages):
-        walked.append(([width for _, width in stages if width], len(us)))
-        return [] if rugged and len(walked) == 1 else followed(path, us, stages)
 
+@pytest.mark.parametrize("white", [True, False])
+def test_what_is_not_white_is_looked_for_from_the_coarsest_resolution_from_its_own_start_and_others(
+    box, monkeypatch, white
+):
+    problem, _ = box
+    told, walked, own = iter([white, True]), [], problem.space.to_search(problem.start)
+
+    def walk(path, us, stages, seen):
+        others = [u for u in us if not np.array_equal(u, own)]
+        walked.append(([width for _, width in stages if width], len(us) - len(others), len(others)))
+        return followed(path, us, stages, {})
+
+    monkeypatch.setattr("frictionpinn.identify.likelihood._white", lambda *_: next(told))
     monkeypatch.setattr("frictionpinn.identify.likelihood.followed", walk)
-    assert maximum_likelihood(problem, thorough=False, profiles=False).outcome not in ("failed", "not explained")
-    assert walked == [([], 1), *([(coarse[:1], 1 + BEST), (coarse, 1 + BEST)] if rugged else [])]
+    maximum_likelihood(problem, thorough=False, profiles=False)
+    closely, *coarse = walked
+    assert closely == ([], 1, 0)
+    assert [widths for widths, *_ in coarse] == ([] if white else [problem.resolutions[:1], problem.resolutions[:-1]])
+    assert white or coarse[0][1:] == (1, BEST)
 
 
 def test_starts_are_compared_at_the_sample_and_not_before(box, monkeypatch):
@@ -148,7 +166,7 @@ def test_starts_are_compared_at_the_sample_and_not_before(box, monkeypatch):
     monkeypatch.setattr("frictionpinn.identify.tether.AS_NEAR", 0.0)
     monkeypatch.setattr("frictionpinn.identify.tether.same_minimum", lambda *_: False)
     u, first = problem.space.to_search(problem.start), len(problem.resolutions)
-    followed(path, [u, u + 0.3], path.stages[: first + 1])
+    followed(path, [u, u + 0.3], path.stages[: first + 1], {})
     assert [asked.count(stage) for stage in path.stages[:first]] == [2] * first
     assert set(asked[2 * first :]).isdisjoint(path.stages[:first]) and asked.count(path.stages[first]) == 1
 
@@ -171,14 +189,12 @@ def test_held_closely_the_start_nearest_to_the_truth_is_ranked_first(box):
     assert best is near
 
 
-def test_where_nothing_holds_the_motion_a_design_reaches_beyond_the_start_in_what_sliding_does_not_tell(box):
+def test_the_design_reaches_beyond_the_default_start_in_what_sliding_does_not_tell(box):
     problem, _ = box
-    values = [problem.space.named(u) for u in designed(problem, contacts=True)]
+    values = [problem.space.named(u) for u in coarse_design(problem)]
     for name in ("sigma_0", "sigma_1", "v_s"):
         own = [p[name] for p in values]
         assert min(own) < 0.5 * problem.start[name] < 2 * problem.start[name] < max(own)
-    assert all(p["mu_s"] > p["mu_c"] == pytest.approx(problem.start["mu_c"]) for p in values)
-    assert designed(problem, contacts=False) == []
 
 
 def test_what_shows_accelerations_alone_is_not_held(box):
@@ -231,7 +247,7 @@ def test_a_load_that_barely_breaks_away_is_followed_to_where_the_truth_fits():
     for seed in (2, 5):
         problem, truth = drive([3], seed)
         path = Path(problem, tethered(problem), problem.sigmas, coarse=True)
-        (best, _), *_ = followed(path, [problem.space.to_search(problem.start)], path.stages)
+        (best, _), *_ = followed(path, [problem.space.to_search(problem.start)], path.stages, {})
         values = problem.values(best.state.u)
         assert [values[name] for name in LOAD] == pytest.approx([truth[name] for name in LOAD], rel=0.02)
 
