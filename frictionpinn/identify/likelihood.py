@@ -55,7 +55,7 @@ STRIBECK_VELOCITIES = (0.5, 2.0)
 UNTOLD_REST = 3.0  # standard deviations of the noise: from where samples tell that a body moves
 BARELY = 3e-5  # m/s or rad/s: three times the usual v_t, slip that mobilises all the friction of a law without memory
 LOUD = 20.0  # times the noise by differences: residuals under a tether that are larger set the level
-NOISE_ROUNDS, SETTLED = 4, 0.01  # rounds of noise estimation at most; relative change that ends them
+REFITS, NOISE_ROUNDS, SETTLED = 4, 4, 0.01  # fits from below, rounds of noise levels at most; change that ends these
 
 
 def maximum_likelihood(
@@ -111,17 +111,18 @@ def maximum_likelihood(
             best = _best(problem, [*found, *here], sigmas, thorough)
     if best is None:
         return failed(problem, time.perf_counter() - began, problem.simulations - before)
-    while True:
+    for left in range(REFITS)[::-1]:
         solution, models, sigmas = best
         beside = neighbours(problem.evaluator(models, sigmas), solution.state, problem.space.limits) if thorough else []
         white = _white(problem, solution.state) and not _drawn_away(problem, models, solution.state)
         spent = time.perf_counter() - began, problem.simulations - before
         minimum = Minimum(solution.state, solution.reason, models)
         estimate, profiled = finish(problem, minimum, sigmas, *spent, beside=beside, profiles=profiles, white=white)
-        lower = None if profiled is solution.state else _minimum(problem, models, profiled, sigmas)
-        if not lower or lower.state.cost > solution.state.cost - SAME_MINIMUM * solution.state.unit:
-            return estimate
-        best = _best(problem, [(lower, models)], sigmas, thorough) or best  # a profile went below the fit
+        below = left and profiled is not solution.state and _minimum(problem, models, profiled, sigmas)
+        if not below or below.state.cost > solution.state.cost - SAME_MINIMUM * solution.state.unit:
+            break
+        best = _best(problem, [(below, models)], sigmas, thorough) or best
+    return estimate
 
 
 def _best(problem: Problem, ends: Sequence[Found], sigmas: dict[str, float], thorough: bool) -> Best | None:

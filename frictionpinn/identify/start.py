@@ -19,7 +19,7 @@ from .space import Space
 
 DESIGNED = ("sigma_0", "sigma_1", "mu_s", "v_s")  # what the sliding samples do not tell
 POINTS = (1, 32, 32, 64, 64, 128)  # of the coarse design by number of such parameters; as many where there are more
-FEW = 0.1  # of all the friction: dry friction below is tried as all of it too
+FEW = 0.1  # of all the friction: dry friction below is tried as all of it, too, beside drag that looks viscous
 WEAKER = 0.01  # of what it is alone: where one kind of friction starts beside another that is tried as all of it
 FLAT_RATIO = 1.01  # the same where friction hardly rises towards rest
 RIDGE = (6, 8)  # grid over mu_s / mu_c and v_s
@@ -35,7 +35,6 @@ def coarse_design(problem: Problem) -> list[np.ndarray]:
     bounds, signed = space.bounds, [name for name, scale in zip(space.names, space.scales, strict=True) if scale]
     dry, result = {name: value for name, value in alone.items() if plain_name(name) == "mu_c"}, []
     for k, point in enumerate(points):
-        # What looks viscous may be dry friction with drag.
         p = start | {name: whole for name, whole in dry.items() if k % 2 and start.get(name, np.inf) < FEW * whole}
         for name, x in zip(dims, point, strict=False):
             own = plain_name(name)
