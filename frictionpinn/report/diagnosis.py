@@ -47,6 +47,9 @@ def headline(d: Diagnosis) -> str:
     if d.trifle is not None:
         sentences.append(f"Significant but small: {dependence(d.trifle)}, {100 * d.trifle.size:.2g} % of the friction "
                          f"force (diagnose.worth: {100 * d.settings.worth:.2g} %).")  # fmt: skip
+    elif d.verdict in (FOUND, NOTHING) and not d.fit.white:
+        sentences.append("Yet what the model leaves of the fitted trials is no white noise: signals are filtered, "
+                         "something acts that no candidate fits, or a lower minimum was not found.")  # fmt: skip
     looked_at, given = len(d.fitted) + len(d.held_out), sum(len(recording) for recording in d.whole)
     if looked_at < given:
         sentences.append(f"Looked at {looked_at} of {given} samples, in windows spread evenly over the recording "

@@ -158,6 +158,8 @@ def next_step(d: Diagnosis, folder: Path) -> str:
         return f"mend what the doubts name; {called('check')} says what the recording holds"
     if d.verdict == UNEXPLAINED:
         return f"{called('diagnose')} with diagnose.fallback=network puts a network in the place of the rest"
+    if not d.fit.white:
+        return f"{called('check')} says whether signals are filtered; other values of friction.start may lead lower"
     return f"the model is complete as far as this recording tells; {os.path.relpath(folder)}/report.html shows it"
 
 

@@ -6,16 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_diagnosis import Waves, diagnosed
+from scipy.signal import lfilter
+from test_diagnosis import Waves, diagnosed, recorded
 
 from frictionpinn.diagnose import verdict as verdicts
+from frictionpinn.diagnose.diagnosis import diagnose
 from frictionpinn.diagnose.scan import Remaining
 from frictionpinn.diagnose.select import Settings
 from frictionpinn.diagnose.verdict import judge, size
+from frictionpinn.physics import LAWS
 from frictionpinn.physics.base import CONTACT
+from frictionpinn.physics.mechanism import Mechanism
 from frictionpinn.physics.remainder import BUMPS, Remainder
 from frictionpinn.report.diagnosis import further_off, headline
-from frictionpinn.workflow.diagnose import as_dict
+from frictionpinn.workflow.diagnose import as_dict, next_step
 
 
 @pytest.fixture(scope="module")
@@ -106,3 +110,19 @@ def test_the_headline_of_a_diagnosis_has_what_is_further_off(partly):
     said = headline(replace(partly, errors=partly.errors | {"x": lost}))
     assert partly.main != "x" and "off by more than the noise: x by 0.031" in said
     assert "x by 0.031" not in headline(partly)
+
+
+def test_beside_nothing_missing_it_is_said_that_what_is_left_is_no_white_noise(tmp_path):
+    (system, clean), (_, made) = recorded(level=0.0), recorded(seed=3)
+
+    def filtered(trial, true):
+        away = trial.signals["a"] - true.signals["a"]
+        return replace(trial, signals=trial.signals | {"a": true.signals["a"] + lfilter([0.8], [1, -0.6], away)})
+
+    hummed = replace(made, trials=tuple(map(filtered, made.trials, clean.trials)))
+    for recording, white in ((made, True), (hummed, False)):
+        fitted, held_out = recording.select(made.names[:2]), recording.select(made.names[2:])
+        d = diagnose(Mechanism(system, LAWS["lugre"]()), fitted, held_out, effects=["constant_force", "drag"])
+        assert d.verdict == "nothing missing"
+        assert ("no white noise" in headline(d)) is not white
+        assert ("the model is complete" in next_step(d, tmp_path)) is white
