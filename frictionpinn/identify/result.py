@@ -191,7 +191,8 @@ def verdict(
         result.append(f"{still}: increase the excitation until it breaks loose")
     elif not slides:
         result.append("the contact hardly slides in this recording: increase the excitation until it does")
-    open_ended = False
+    # Where nothing shows beside residuals that are not noise, the model is at fault and no excitation would help.
+    lost, open_ended = not white and len(hidden) == len(p), False
     for i, (name, lower) in enumerate(zip(space.names, space.below, strict=True)):
         low, high = (np.nan, np.nan) if space.scales[i] or name in at_bound else ci95[name]
         least = float(p[lower]) * MERGED if lower >= 0 else 0.0  # what an interval must exceed to tell anything
@@ -201,7 +202,7 @@ def verdict(
         elif low <= least and np.isfinite(high):
             why = f": {FLAT}" if lower >= 0 else f", not told from below: {hint}"
             result.append(f"{name}: at most {high:.2g}{why}")
-        elif name in hidden or low <= least:
+        elif not lost and (name in hidden or low <= least):
             result.append(f"{name} does not show in these data: {hint}")
     value = dict(zip(space.names, p.tolist(), strict=True))
     for name in at_limit:
@@ -228,10 +229,9 @@ def verdict(
             f"residuals{span}: the model lacks something (diagnose.py says what), its inputs are filtered, or a lower "
             "minimum was not found; intervals are widened for the correlation"
         )
-    outcome = CONVERGED if minimum.reason in (ENDED, "stuck") else STOPPED
-    outcome = outcome if white else UNEXPLAINED
-    outcome = AT_BOUND if at_bound else UNIDENTIFIED if hidden or open_ended else outcome
-    outcome = outcome if slides and not still and len(hidden) < len(p) else NO_EXCITATION
+    outcome = UNEXPLAINED if not white else CONVERGED if minimum.reason in (ENDED, "stuck") else STOPPED
+    outcome = AT_BOUND if at_bound else UNIDENTIFIED if (hidden and not lost) or open_ended else outcome
+    outcome = outcome if slides and not still and (lost or len(hidden) < len(p)) else NO_EXCITATION
     return outcome, tuple(result)
 
 

@@ -11,6 +11,7 @@ from frictionpinn.data.recording import Recording, Trial
 from frictionpinn.data.simulated import simulate_trials
 from frictionpinn.errors import UserError
 from frictionpinn.identify import Problem, likelihood, maximum_likelihood, profile
+from frictionpinn.identify.result import verdict
 from frictionpinn.numerics.descent import Solution
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
@@ -130,6 +131,17 @@ def test_what_never_slides_is_named_and_its_interval_is_open():
     assert hidden
     for name in hidden:
         assert any(sentence.startswith(name) for sentence in estimate.advice)
+
+
+@pytest.mark.parametrize(("white", "outcome"), [(True, "no excitation"), (False, "not explained")])
+def test_where_nothing_shows_it_is_the_excitation_only_beside_residuals_that_are_noise(pob, white, outcome):
+    problem, estimate = pob[2:]
+    names, unknown = estimate.names, np.full((len(estimate.names),) * 2, np.nan)
+    nothing = unknown, dict.fromkeys(names, (np.nan, np.nan)), set(names), (), ()
+    found, advice = verdict(problem, estimate.minimum, *nothing, 1.0, white)
+    assert found == outcome
+    assert [name for name in names if f"{name} does not show in these data" in " ".join(advice)] == [*names] * white
+    assert any("the model lacks something" in sentence for sentence in advice) is not white
 
 
 def test_a_bound_that_excludes_the_truth_is_reported():
