@@ -32,7 +32,6 @@ from .fit import Fit, fit_declared
 
 LONGEST = 500.0  # times the steps that simulate all trials once: a budget, beyond which a refit is given up
 BACK = 0.1  # of its start value: from where dry friction that vanished beside something missing is estimated anew
-Ranges = Mapping[str, tuple[float, float]]  # name -> least and greatest value, SI units
 
 
 class Bench:
@@ -170,15 +169,14 @@ class Bench:
         names: Sequence[str],
         values: Mapping[str, float],
         simulator: Simulator,
-        limits: Ranges | None = None,
     ) -> Problem:
         """The problem with these parameters free, the others held at their values."""
         # Viscous friction absorbs much of what is missing: it must be free to go.
         viscous = [name for name in problem.names if plain_name(name) == "sigma_2"]
         wider = {name: (0.0, problem.space.bounds[name][1]) for name in viscous}
         trials = self.equipped(problem.trials, simulator)
-        return problem.varied(names=names, values=values, simulator=simulator, limits=wider | dict(limits or {}),
-                              sizes=self.sizes, trials=trials)  # fmt: skip
+        return problem.varied(names=names, values=values, simulator=simulator, limits=wider, sizes=self.sizes,
+                              trials=trials)  # fmt: skip
 
     def refit(
         self,
@@ -187,7 +185,6 @@ class Bench:
         values: Mapping[str, float],
         *,
         sigmas: Mapping[str, float] | None = None,
-        limits: Ranges | None = None,
         widths: Sequence[float] = (0.0,),
         around: bool = False,
         imitating: Fit | None = None,
@@ -199,7 +196,6 @@ class Bench:
             names: free parameters.
             values: of all parameters, SI units.
             sigmas: noise levels; by default the fit's.
-            limits: of parameters beside their usual ones.
             widths: resolutions in time that are followed, s, the coarsest first.
             around: look for lower minima around it.
             imitating: a fit whose motion stands for what was measured, without noise.
@@ -210,7 +206,7 @@ class Bench:
                 values[name] = max(values[name], BACK * self.problem.start[name])
         simulator = self.probe if fit.models[0].simulator is self.probe else self.part(names, values)
         models = tuple(replace(model, simulator=simulator) for model in fit.models)
-        problem = self.problem_of(self.problem, names, values, simulator, limits)
+        problem = self.problem_of(self.problem, names, values, simulator)
         seen = models if imitating is None else self._simulated(imitating, models)
         steps = LONGEST * sum(len(run.steps.interval) for run in self.runs)
         evaluate = problem.evaluator(seen, sigmas, steps=steps)
@@ -226,17 +222,15 @@ class Bench:
         state, ended = found.state, found.reason == ENDED
         return Fit(problem.names, problem.values(state.u), models, state, sigmas, widths[-1], fit.span, ended)
 
-    def imitated(
-        self, fit: Fit, names: Sequence[str], values: Mapping[str, float], limits: Ranges | None = None
-    ) -> Fit | None:
+    def imitated(self, fit: Fit, names: Sequence[str], values: Mapping[str, float]) -> Fit | None:
         """``names`` estimated from near these values, where the motion is nearest to that of a fit.
 
         First what the fit simulates stands for what was measured: without noise the likelihood is smooth, and has its
         minimum where the same motion has these parameters. From there the data are fitted.
         """
         values = self.clip(self._complete(values))
-        there = self.refit(self._followed(fit, names, values), names, values, limits=limits, imitating=fit)
-        return None if there is None else self.refit(there, names, there.values, limits=limits)
+        there = self.refit(self._followed(fit, names, values), names, values, imitating=fit)
+        return None if there is None else self.refit(there, names, there.values)
 
     def _followed(self, fit: Fit, names: Sequence[str], values: Mapping[str, float]) -> Fit:
         """The fit with each trial's own unknowns such that its motion at other values is near to its own.
@@ -260,10 +254,10 @@ class Bench:
         near = [state for own in starts if (state := evaluate(there, own, False)) is not None]
         return replace(fit, state=replace(fit.state, locals=min(near, key=lambda s: s.cost).locals)) if near else fit
 
-    def regained(self, fit: Fit, limits: Ranges | None = None) -> Fit:
+    def regained(self, fit: Fit) -> Fit:
         """The fit, or the lower one in which no trial lags behind the others, see
         :func:`frictionpinn.identify.tether.regained`."""
-        problem = self.problem_of(self.problem, fit.names, fit.values, fit.models[0].simulator, limits)
+        problem = self.problem_of(self.problem, fit.names, fit.values, fit.models[0].simulator)
         held = tethered(problem)
         try:
             found = None if held is None else regained(problem, held, fit.sigmas, (fit.state, fit.models))
@@ -274,13 +268,13 @@ class Bench:
         state = found.state
         return replace(fit, values=problem.values(state.u), state=state, ended=found.reason == ENDED)
 
-    def together(self, fits: Iterable[Fit], limits: Ranges | None = None) -> Fit:
+    def together(self, fits: Iterable[Fit]) -> Fit:
         """The lowest of fits of the same parameters, or the lower one that begins with each trial's own unknowns from
         the fit that fits that trial best."""
         best, *others = sorted(fits, key=lambda fit: fit.cost)
         if not others:
             return best
-        problem = self.problem_of(self.problem, best.names, best.values, best.models[0].simulator, limits)
+        problem = self.problem_of(self.problem, best.names, best.values, best.models[0].simulator)
         evaluate, bounds = problem.evaluator(best.models, best.sigmas), problem.space.limits
         offered = carried([fit.state for fit in others], best.state.u, bounds)
         state = assembled(evaluate, Solution(best.state, GIVEN), offered, bounds).state

@@ -85,8 +85,8 @@ class Contender:
 def refitted(bench: Bench, before: Fit, asked: Asked, settings: Settings) -> list[Contender]:
     """The candidates' fits, the best first, each from the resolution at which it was tested to the sample: from the
     coarse one, too, where a search at the sample comes to no end or gains much less than the score test promised; and
-    where any comes to none, a trial that lags behind the others once more in each. Where one still gains much less,
-    what that did not tell from it is fitted beside it."""
+    where any comes to none, and no other explains all but noise, a trial that lags behind the others once more in each.
+    Where one still gains much less, what that did not tell from it is fitted beside it."""
 
     def short(tested: Tested, fit: Fit | None) -> bool:
         return fit is None or before.state.cost - fit.state.cost < settings.promise * tested.statistic / 2
@@ -96,15 +96,16 @@ def refitted(bench: Bench, before: Fit, asked: Asked, settings: Settings) -> lis
         if fit is not None and fit.ended and not short(tested, fit):
             return fit
         made = [f for f in (fit, add(bench, before, tested, bench.from_coarse)) if f is not None]
-        return bench.together(made, reach(tested)) if made else None
+        return bench.together(made) if made else None
 
     def refits(tests: Sequence[Tested]) -> list[tuple[Tested, Fit | None]]:
         def regained(k: int) -> Fit | None:
             fit = fits[k]
-            return None if fit is None else bench.regained(fit, reach(tests[k]))
+            return None if fit is None else bench.regained(fit)
 
         fits = in_parallel(lambda k: refit(tests[k]), [1.0] * len(tests), "effects fitted")
-        if not all(fit.ended for fit in fits if fit is not None):
+        left = [fit for fit in fits if fit is not None]
+        if not all(fit.ended for fit in left) and not any(fit.white for fit in left):
             fits = in_parallel(regained, [1.0] * len(tests), "effects fitted anew")
         return list(zip(tests, fits, strict=True))
 
@@ -120,7 +121,7 @@ def _lowest(bench: Bench, found: Iterable[Contender]) -> list[Contender]:
     fits: dict[str, list[Contender]] = {}
     for c in sorted(found, key=lambda c: c.fit.cost):
         fits.setdefault(c.candidate.name, []).append(c)
-    best = [replace(own[0], fit=bench.together([c.fit for c in own], reach(own[0].tested))) for own in fits.values()]
+    best = [replace(own[0], fit=bench.together([c.fit for c in own])) for own in fits.values()]
     return sorted(best, key=lambda c: c.fit.cost)
 
 
@@ -145,19 +146,8 @@ def add(bench: Bench, fit: Fit, tested: Tested, widths: Sequence[float]) -> Fit 
     made = []
     for share in (0.0, 1.0) if tested.untested else (0.0,):
         values = {**fit.values, **tested.shape} | {name: share * value for name, value in tested.step.items()}
-        made.append(bench.refit(fit, names, bench.clip(values), limits=reach(tested), widths=widths))
+        made.append(bench.refit(fit, names, bench.clip(values), widths=widths))
     return min((f for f in made if f is not None), key=lambda f: f.state.cost, default=None)
-
-
-def reach(tested: Tested) -> dict[str, tuple[float, float]]:
-    """Values that hidden parameters may take: those tried, and somewhat beyond."""
-    result = {}
-    for name in tested.candidate.hidden:
-        values = [point[name] for point in tested.candidate.grid]
-        low, high = min(values), max(values)
-        wide = 0.1 * (high - low)
-        result[name] = (low / 1.5, high * 1.5) if low > 0 else (low - wide, high + wide)
-    return result
 
 
 def judged(
@@ -266,7 +256,7 @@ def _imitations(bench: Bench, names: Sequence[str], pairs: Sequence[tuple[Conten
     def refit(k: int) -> Fit | None:
         head, own = pairs[k]
         every = dict.fromkeys((*names, *own.candidate.strengths, *own.candidate.hidden))
-        return bench.imitated(head.fit, tuple(every), exchanged(head, own), reach(own))
+        return bench.imitated(head.fit, tuple(every), exchanged(head, own))
 
     made = in_parallel(refit, [1.0] * len(pairs), "effects that look alike fitted")
     return [Contender(t, fit) for (_, t), fit in zip(pairs, made, strict=True)

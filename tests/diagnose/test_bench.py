@@ -16,6 +16,7 @@ from frictionpinn.diagnose import contenders
 from frictionpinn.diagnose.bench import Bench
 from frictionpinn.diagnose.candidates import candidates, scales
 from frictionpinn.diagnose.fit import Fit
+from frictionpinn.diagnose.scan import scan
 from frictionpinn.diagnose.select import Settings, select
 from frictionpinn.numerics import descent
 from frictionpinn.numerics.quadratic import Piece, State
@@ -143,12 +144,17 @@ def test_of_two_fits_each_wrong_in_another_trial_one_is_put_together_that_is_rig
 
 
 @pytest.mark.parametrize(
-    ("steps", "promised", "asked", "anew"),
-    [(20, 0.0, [[0.0]], 0), (1, 0.0, [[0.0], "coarse"], 1), (20, 1e6, [[0.0], "coarse"], 0)],
-    ids=["as promised", "no end", "much less than promised"],
+    ("steps", "promised", "white", "asked", "anew"),
+    [
+        (20, 0.0, False, [[0.0]], 0),
+        (1, 0.0, False, [[0.0], "coarse"], 1),
+        (1, 0.0, True, [[0.0], "coarse"], 0),
+        (20, 1e6, False, [[0.0], "coarse"], 0),
+    ],
+    ids=["as promised", "no end", "no end beside noise", "much less than promised"],
 )
 def test_a_refit_without_end_or_short_of_its_promise_begins_at_the_coarse_resolution_too_and_without_end_a_trial_anew(
-    pushed, monkeypatch, steps, promised, asked, anew
+    pushed, monkeypatch, steps, promised, white, asked, anew
 ):
     add, widths, regained = contenders.add, [], []
 
@@ -157,7 +163,8 @@ def test_a_refit_without_end_or_short_of_its_promise_begins_at_the_coarse_resolu
         return add(bench, fit, tested, own)
 
     monkeypatch.setattr(contenders, "add", seen)
-    monkeypatch.setattr(Bench, "regained", lambda bench, fit, limits: regained.append(fit) or fit)
+    monkeypatch.setattr(Bench, "regained", lambda bench, fit: regained.append(fit) or fit)
+    monkeypatch.setattr(Fit, "white", white)
     monkeypatch.setitem(descent.CLOSELY, "iterations", steps)
     candidate = SimpleNamespace(name="constant_force", strengths=("constant_force",), hidden=())
     shape = {"width": 0.0, "untested": False, "shape": {}, "step": {"constant_force": FORCE}}
@@ -228,3 +235,18 @@ def test_a_force_that_goes_from_one_mass_to_the_other_strains_the_coupling_and_l
     assert load.values["load.constant_force"] == pytest.approx(0.1, rel=0.2)
     # Not told apart; a lower minimum may be found on the way, a worse one may not.
     assert load.state.cost - Settings().told_apart < motor.state.cost < load.state.cost + 2.0
+
+
+def test_what_shapes_an_effect_keeps_to_the_values_tried_and_settles_where_it_was_judged():
+    acting = {"position_gradient": 3.0, "position_middle": 0.0}
+    system, made = recorded(["position_friction"], acting)
+    declared = Mechanism(system, LAWS["lugre"]())
+    bench = Bench(declared, effects_for(system, declared.law, ["position_friction"]), (), made, made.select(()))
+    given = candidates(bench.tested.effects, system, declared.law, scales(system, bench.runs))
+    (bump,) = [c for c in given if c.group == "bump"]
+    (tested,) = scan(bench, bench.base, [bump]).tested
+    fit = contenders.add(bench, bench.base, tested, [0.0])
+    for name in bump.hidden:
+        tried = [point[name] for point in bump.grid]
+        assert 0.99 * min(tried) <= fit.values[name] <= 1.01 * max(tried)  # of the motion as fitted or measured
+    assert bench.refit(fit, fit.names, fit.values).state.cost < fit.state.cost + 0.1
