@@ -72,9 +72,9 @@ def _judged(bench: Bench, fit: Fit) -> Surprise | None:
             piece = Piece(0.5 * float(d @ S @ d), {}, gg=S, gl=np.zeros((len(d), 0)), grad_g=S @ d)
             return State(state.u, (*state.locals, np.zeros(0)), (*state.pieces, piece))
 
-        def evaluate(u, locals_, derivatives, ran: State | None = None, **options):
-            inner = None if ran is None else replace(ran, pieces=ran.pieces[:-1])
-            state = plain(u, locals_[:-1], derivatives, ran=inner, **options)
+        def evaluate(u, locals_, derivatives, ran=None, beside=None, **options):
+            ran, beside = (s and replace(s, locals=s.locals[:-1], pieces=s.pieces[:-1]) for s in (ran, beside))
+            state = plain(u, locals_[:-1], derivatives, ran=ran, beside=beside, **options)
             return None if state is None else known(state)
 
         starts = ((first, widths), (held.state, widths[-1:]))

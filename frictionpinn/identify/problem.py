@@ -214,11 +214,11 @@ class Problem:
         steps: float = np.inf,
         **options: Any,
     ) -> Evaluate:
-        """The cost of these trials as a search calls it: evaluate(u, locals, derivatives, ran, width, **options).
+        """The cost of these trials as a search calls it: evaluate(u, locals, derivatives, ran, beside, width, ...).
 
         That is the state at a search vector u, shape (n,), and the unknowns of every trial, with ``derivatives`` if
         wanted; None where a trial cannot be simulated. Where ``ran``, the state there from ``strict`` simulations, is
-        given, nothing is simulated again.
+        given, nothing is simulated again; nor are trials whose unknowns are those of ``beside``, a state at the same u.
 
         Args:
             models: of the trials.
@@ -232,16 +232,16 @@ class Problem:
         """
         sigmas, spent = sigmas or self.sigmas, 0
 
-        def evaluate(u, locals_, derivatives, *, ran: State | None = None, width=width, **more) -> State | None:
+        def evaluate(u, locals_, derivatives, *, ran=None, beside=None, width=width, **more) -> State | None:
             nonlocal spent
             if spent > steps:
                 return None
             p, change, names = self.values(u), self.space.jacobian(u), self.names if derivatives else ()
-            widths = np.broadcast_to(width, len(models))
-            runs = [None] * len(models) if ran is None else [part.run for part in ran.pieces]
+            widths, own, taken = np.broadcast_to(width, len(models)), options | more, [0] * len(models)
+            runs = [part.run for part in ran.pieces] if ran else [None] * len(models)
+            kept = {k: part for k, part in enumerate(beside.pieces if beside else ()) if locals_[k] is beside.locals[k]}
             if not derivatives or any(run is None for run in runs):
-                self._calls.append(len(models) / len(self.trials))
-            own, taken = options | more, [0] * len(models)
+                self._calls.append((len(models) - len(kept)) / len(self.trials))
 
             def piece(k: int) -> Piece | None:
                 loss = self.coarse_loss if widths[k] else self.loss
@@ -256,18 +256,18 @@ class Problem:
                 gg, gl, grad_g = change.T @ found.gg @ change, change.T @ found.gl, change.T @ found.grad_g
                 return replace(found, gg=gg, gl=gl, grad_g=grad_g)
 
-            found = in_parallel(piece, [len(m.t) * (8 + len(x)) for m, x in zip(models, locals_, strict=True)])
+            loads = [len(m.t) * (8 + len(x)) for m, x in zip(models, locals_, strict=True)]
+            found = in_parallel(lambda k: kept.get(k) or piece(k), loads)
             spent += sum(taken)
             pieces = tuple(part for part in found if part is not None)
             if len(pieces) < len(models) or not all(np.isfinite(part.cost) for part in pieces):
                 return None
-            if prior and len(self.prior.target):  # counted with the first trial
-                first, r = pieces[0], self.prior.distance(u)
-                first = replace(first, cost=first.cost + 0.5 * float(r @ r))
+            if prior and len(self.prior.target) and 0 not in kept:  # counted with the first trial
+                part, known, r = pieces[0], self.prior, self.prior.distance(u)
+                part = replace(part, cost=part.cost + 0.5 * float(r @ r))
                 if names:
-                    slope = self.prior.rows.T @ r
-                    first = replace(first, gg=first.gg + self.prior.information, grad_g=first.grad_g + slope)
-                pieces = (first, *pieces[1:])
+                    part = replace(part, gg=part.gg + known.information, grad_g=part.grad_g + known.rows.T @ r)
+                pieces = (part, *pieces[1:])
             return State(np.asarray(u, float), tuple(locals_), pieces)
 
         return evaluate

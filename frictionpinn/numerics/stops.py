@@ -31,28 +31,30 @@ def past_stops(evaluate: Evaluate, at: State, least: float) -> State | None:
         at: with derivatives.
         least: gain of a trial in log-likelihood that counts.
     """
-    found: State | None = None
+    before, found = None, at
     for _ in range(ROUNDS):
-        moved = _moved(evaluate, found or at, least)
-        if moved is None:
+        if (moved := _moved(evaluate, found, before, least)) is None:
             break
-        found = moved
-    return found
+        before, found = found, moved
+    return None if found is at else found
 
 
-def _moved(evaluate: Evaluate, at: State, least: float) -> State | None:
-    """The state with those moved of every trial that gain most; None where none does."""
-    ways = [[share * way for way in _ways(piece, least) for share in SHARES] for piece in at.pieces]
+def _moved(evaluate: Evaluate, at: State, before: State | None, least: float) -> State | None:
+    """The state with those moved of every trial that gain most, if it was moved since ``before``: of others nothing
+    gains; None where none does."""
+    last = before.locals if before else [None] * len(at.locals)
+    ways = [[] if x is old else [share * way for way in _ways(piece, least) for share in SHARES]
+            for piece, x, old in zip(at.pieces, at.locals, last, strict=True)]  # fmt: skip
     best, locals_ = list(at.pieces), list(at.locals)
     for k in range(max(map(len, ways), default=0)):
         own = [x + way[k] if k < len(way) else x for x, way in zip(at.locals, ways, strict=True)]
-        there = evaluate(at.u, own, False)
+        there = evaluate(at.u, own, False, beside=at)
         for i, piece in enumerate(there.pieces if there else ()):
             if piece.cost < best[i].cost - least:
                 best[i], locals_[i], ways[i] = piece, own[i], []
     if all(x is old for x, old in zip(locals_, at.locals, strict=True)):
         return None
-    return evaluate(at.u, locals_, True)
+    return evaluate(at.u, locals_, True, beside=at)
 
 
 def _ways(piece: Piece, least: float) -> list[np.ndarray]:

@@ -85,6 +85,18 @@ def test_derivatives_added_to_a_simulation_cost_no_steps(problem):
     np.testing.assert_allclose(added.cost, ran.cost)
 
 
+@pytest.mark.parametrize("derivatives", [False, True])
+def test_a_trial_with_the_unknowns_of_a_known_state_beside_is_not_simulated_again(problem, derivatives):
+    u, locals_ = began(problem)
+    evaluate, moved = problem.evaluator(problem.trials), [locals_[0], 1.01 * locals_[1], *locals_[2:]]
+    known, before = evaluate(u, locals_, True), problem.simulations
+    made = [evaluate(u, moved, derivatives, beside=known) for _ in locals_]
+    assert problem.simulations == before + 1  # one trial at a time
+    whole = evaluate(u, moved, derivatives)
+    assert made[0].cost == pytest.approx(whole.cost, rel=1e-6) and made[0].pieces[0] is known.pieces[0]
+    assert made[0].pieces[1].cost == whole.pieces[1].cost and made[0].curved is whole.curved is derivatives
+
+
 def test_a_law_without_a_prior_is_fitted_with_an_effect_beside_it():
     mechanism, _, _, noisy, _ = case("drive", "coulomb_viscous", (0, 3))
     problem = Problem(mechanism, noisy)
