@@ -40,7 +40,11 @@ def headline(d: Diagnosis) -> str:
         present = listed([a.candidate.name for a in d.accepted])
         sentences.append(f"Beside {present}, {listed(inside)} would not show: the parameters added do the same.")
     sentences += [error_in_words(d), *further_off(d.errors, d.main)]
-    if d.shares and d.left["value"] is not None:
+    if d.shares and not d.errors[d.main]["excess_before"]["ci95"][0] > 0:
+        gained = sum(a.evidence["gain_fitted"] for a in d.accepted)
+        sentences.append("Before, there was no error beyond the noise for certain: what was added shows in the "
+                         f"log-likelihood of the fitted trials ({gained:+.0f}), not in that error.")  # fmt: skip
+    elif d.shares and d.left["value"] is not None:
         each = [f"{a.candidate.name} took off {share(own)}" for a, own in zip(d.accepted, d.shares, strict=True)]
         left = ", ".join(filter(None, [f"{share(d.left)} is left", dependence(d.unexplained or d.trifle)]))
         sentences.append(f"Of the squared error of {spaced(d.main)} beyond the noise, {listed(each)}; {left}.")

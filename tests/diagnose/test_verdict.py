@@ -112,6 +112,14 @@ def test_the_headline_of_a_diagnosis_has_what_is_further_off(partly):
     assert "x by 0.031" not in headline(partly)
 
 
+def test_an_effect_that_no_error_shows_for_certain_is_said_to_show_in_the_likelihood_instead_of_a_share(partly):
+    main = partly.errors[partly.main]
+    hidden = main | {"excess_before": main["excess_before"] | {"ci95": [0.0, main["excess_before"]["ci95"][1]]}}
+    said = headline(replace(partly, errors=partly.errors | {partly.main: hidden}))
+    gain = partly.accepted[0].evidence["gain_fitted"]
+    assert f"shows in the log-likelihood of the fitted trials ({gain:+.0f})" in said and "took off" not in said
+
+
 def test_beside_nothing_missing_it_is_said_that_what_is_left_is_no_white_noise(tmp_path):
     (system, clean), (_, made) = recorded(level=0.0), recorded(seed=3)
 
