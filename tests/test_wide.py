@@ -11,6 +11,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from wide_draw import MOST_SAMPLES, SLIDES, draw
 from wide_report import named
 
+from frictionpinn.data.inspect import inspect
+from frictionpinn.physics import SYSTEMS
+
 
 @pytest.fixture(scope="module", params=[12, 22])
 def seed(request):
@@ -37,6 +40,11 @@ def test_noise_has_the_size_that_is_said(seed):
         clean, noisy = (np.concatenate([t.signals[name] for t in r.trials]) for r in (case.clean, case.recording))
         assert np.std(noisy - clean) == pytest.approx(sigma, rel=0.1)
         assert sigma >= case.level * np.std(clean)
+
+
+def test_a_trial_is_no_fault_that_tells_nothing_by_itself_and_goes_with_the_inertia_and_friction_of_the_others():
+    case = draw(598)  # in trial 5 a spring that nobody declared outweighs friction, which seems to drive
+    assert [f for f in inspect(case.recording, SYSTEMS[case.system](**case.parameters)) if f.grave] == []
 
 
 def test_effects_leave_mechanism_and_excitation_as_they_are(seed):

@@ -38,6 +38,7 @@ class Balance:
             the largest standard errors by which one is told.
         share: of the driving force's variance that the regression explains.
         forces: parameters of the system that were fitted with it (gravity on a joint's arm), SI units.
+        told: coefficients of the regression, shape (n,).
         moves: share of that variance which is inertia's, of a system without it that which goes with acceleration.
         elastic: share of it that goes with the position alone.
         looks: independent windows that it rests on.
@@ -52,6 +53,7 @@ class Balance:
     elastic: float
     forces: dict[str, float]
     looks: float
+    told: np.ndarray
 
     @property
     def fits(self) -> bool:
@@ -71,7 +73,7 @@ class Balance:
         return self.brakes < 0 and self.sure > SURE
 
 
-Rows = Callable[[Sequence[Motion]], Balance | None]
+Rows = Callable[..., Balance | None]
 
 
 def balance_findings(
@@ -98,6 +100,19 @@ def balance_findings(
         if told or found.share > EXPLAINED:
             return told
     return []
+
+
+def explained_by(system: System, trial: Sampled, others: Sequence[Sampled]) -> bool:
+    """Whether inertia and friction as the others show them explain most of what drives a trial."""
+    if (rows := _rows(system)) is None:
+        return False
+    for wide in (False, True):
+        theirs, own = (smooth_motion(system, trials, noises(trials), wide) for trials in (others, [trial]))
+        found = rows(theirs) if theirs else None
+        here = rows(own, found.told) if own and found is not None else None
+        if here is not None and here.share > HALF:
+            return True
+    return False
 
 
 def _unlike(system: System, trials: Sequence[Sampled], rows: Rows, wide: bool) -> str:
@@ -215,7 +230,8 @@ def _missing_forces(system: System, motions: Sequence[Motion], found: Balance) -
 
 
 def _rows(system: System, forces: tuple[str, ...] = ()) -> Rows | None:
-    """The regression of the first coordinate on which friction acts, as a function of motions.
+    """The regression of the first coordinate on which friction acts, as a function of motions and, where they are told
+    already, of its coefficients.
 
     ``forces`` are parameters to fit with it, linear in the equation. None with several contacts: one equation does not
     tell what each of them does.
@@ -237,7 +253,7 @@ def _rows(system: System, forces: tuple[str, ...] = ()) -> Rows | None:
     extra = [motion_function(system, sp.diff(residual, sp.Symbol(name, real=True))) for name in forces]
     values = {par.name: float(par.value or 0.0) for par in mechanism.parameters} | dict(system.values)
 
-    def regress(motions: Sequence[Motion]) -> Balance | None:
+    def regress(motions: Sequence[Motion], told: np.ndarray | None = None) -> Balance | None:
         columns: list[list[np.ndarray]] = [[] for _ in range(10 + len(extra))]
         speeds = [parts[4](m, values) for m in motions]
         largest = float(np.quantile(np.abs(np.concatenate(speeds)), USUAL))
@@ -262,7 +278,7 @@ def _rows(system: System, forces: tuple[str, ...] = ()) -> Rows | None:
         A = np.stack([-own if np.any(own) else -j * a, dry, viscous, -j, *(-column for column in further)], axis=1)
         size = np.sqrt(np.mean(A**2, axis=0))
         unit = A / np.where(size > 0, size, 1.0)
-        coefficients, *_ = np.linalg.lstsq(unit, drive, rcond=None)
+        coefficients = np.linalg.lstsq(unit, drive, rcond=None)[0] if told is None else told * size
         left = drive - unit @ coefficients
         spread = np.linalg.pinv(unit.T @ unit / len(drive)) * float(np.mean(left**2)) / independent
         errors = np.sqrt(np.maximum(np.diag(spread), 1e-300))
@@ -279,7 +295,7 @@ def _rows(system: System, forces: tuple[str, ...] = ()) -> Rows | None:
         elastic = 0.0 if residual.has(*place.free_symbols) else 1 - float(np.var(drive - line)) / whole
         inertia, error = (float(scaled[0]), float(errors[0] / size[0])) if has else (None, 0.0)
         own_forces = dict(zip(forces, scaled[4:].tolist(), strict=True))
-        return Balance(inertia, error, power, sure, share, moves / whole, elastic, own_forces, independent)
+        return Balance(inertia, error, power, sure, share, moves / whole, elastic, own_forces, independent, scaled)
 
     return regress
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ..errors import UserError
 from ..physics import System
-from .balance import balance_findings
+from .balance import balance_findings, explained_by
 from .channels import channel_findings, dead_findings, moving_trials, one_way_findings, slip_findings
 from .check import check_trial
 from .consistency import derivative_findings
@@ -72,11 +72,14 @@ def _one_by_one(
         return []
     wrong: dict[str, list[Finding]] = {}
     for trial in moving_trials(system, trials):
-        own = [
-            f
-            for f in _together(system, [trial], noises([trial]), balance, inertia_free)
-            if f.grave and f.what not in told
-        ]
+
+        def graves(forces: bool, trial: Sampled = trial) -> list[Finding]:
+            found = _together(system, [trial], noises([trial]), forces, inertia_free)
+            return [f for f in found if f.grave and f.what not in told]
+
+        own = graves(balance)
+        if own and balance and explained_by(system, trial, [t for t in trials if t is not trial]):
+            own = graves(False)  # its own windows are too few to tell what all together do not
         wrong |= {trial.name: own} if own else {}
     others = [t for t in trials if t.name not in wrong]
     if not wrong or len(wrong) > len(others):  # of most trials it is the recording that is wrong
