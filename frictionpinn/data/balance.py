@@ -38,10 +38,10 @@ class Balance:
             the largest standard errors by which one is told.
         share: of the driving force's variance that the regression explains.
         forces: parameters of the system that were fitted with it (gravity on a joint's arm), SI units.
-        told: coefficients of the regression, shape (n,).
         moves: share of that variance which is inertia's, of a system without it that which goes with acceleration.
         elastic: share of it that goes with the position alone.
         looks: independent windows that it rests on.
+        told: coefficients of the regression, shape (n,).
     """
 
     inertia: float | None
