@@ -103,15 +103,15 @@ def balance_findings(
 
 
 def explained_by(system: System, trial: Sampled, others: Sequence[Sampled]) -> bool:
-    """Whether inertia and friction as the others show them explain most of what drives a trial."""
-    if (rows := _rows(system)) is None:
-        return False
+    """Whether inertia and friction as the others show them explain most of what drives a trial, or it slides for too
+    few windows to tell: at rest, friction is whatever holds it."""
+    rows = _rows(system)
     for wide in (False, True):
         theirs, own = (smooth_motion(system, trials, noises(trials), wide) for trials in (others, [trial]))
-        found = rows(theirs) if theirs else None
-        here = rows(own, found.told) if own and found is not None else None
-        if here is not None and here.share > HALF:
-            return True
+        found = rows(theirs) if rows is not None and theirs else None
+        if rows is not None and found is not None:
+            here = rows(own, found.told) if own else None
+            return here is None or here.share > HALF
     return False
 
 
