@@ -103,8 +103,8 @@ def balance_findings(
 
 
 def explained_by(system: System, trial: Sampled, others: Sequence[Sampled]) -> bool:
-    """Whether inertia and friction as the others show them explain most of what drives a trial, or it slides for too
-    few windows to tell: at rest, friction is whatever holds it."""
+    """Whether inertia and friction as the others show them explain most of what drives a trial, or it slides
+    nowhere: at rest, friction is whatever holds it."""
     rows = _rows(system)
     for wide in (False, True):
         theirs, own = (smooth_motion(system, trials, noises(trials), wide) for trials in (others, [trial]))
@@ -270,11 +270,11 @@ def _rows(system: System, forces: tuple[str, ...] = ()) -> Rows | None:
             for column, y in zip(columns, known, strict=True):
                 column.append(y[sliding])
         drive, own, j, dry, viscous, v, weight, noise, x, a, *further = (np.concatenate(column) for column in columns)
-        if not len(own) or (np.any(own) and not float(np.mean(noise)) < (1 - CLEAR) * float(np.mean(own**2))):
-            return None  # noise in the acceleration would take inertia away
-        independent = float(weight.sum())
-        if independent < WELL_KNOWN or not np.var(drive) > 0:
+        if not len(own):
             return None
+        independent, clear = float(weight.sum()), float(np.mean(noise)) < (1 - CLEAR) * float(np.mean(own**2))
+        if told is None and (independent < WELL_KNOWN or not np.var(drive) > 0 or (np.any(own) and not clear)):
+            return None  # noise in the acceleration would take inertia away
         A = np.stack([-own if np.any(own) else -j * a, dry, viscous, -j, *(-column for column in further)], axis=1)
         size = np.sqrt(np.mean(A**2, axis=0))
         unit = A / np.where(size > 0, size, 1.0)
