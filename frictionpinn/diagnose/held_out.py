@@ -12,8 +12,9 @@ from ..identify.likelihood import beginnings
 from ..identify.problem import Problem
 from ..identify.tether import Path, followed, tethered
 from ..identify.trial import TrialModel
-from ..numerics.descent import Solution, coarse_to_fine
+from ..numerics.descent import CLOSELY, ENDED, Solution, coarse_to_fine, levenberg_marquardt
 from ..numerics.minima import assembled, carried, lowest_of_trials
+from ..numerics.parallel import in_parallel
 from ..numerics.quadratic import FAINT, Evaluate, Piece, State, reduced
 from ..numerics.simulate import ContactLost, SimulationFailed
 from .bench import Bench
@@ -60,8 +61,6 @@ def _judged(bench: Bench, fit: Fit) -> Surprise | None:
     problem, models, first, plain = found
     at, limits, widths = first.u, problem.space.limits, problem.resolutions
     held = own_unknowns(Path(problem, tethered(problem), fit.sigmas, coarse=True, given=True), models, first)
-    if held is None:
-        return None
     moved = None
     if fit.state.curved:
         S = reduced(fit.state)[0] + FAINT * np.eye(len(at))
@@ -88,21 +87,36 @@ def _judged(bench: Bench, fit: Fit) -> Surprise | None:
     return Surprise(replace(fit, models=models, state=held.state), held.state.cost if moved is None else moved)
 
 
-def own_unknowns(path: Path, models: Sequence[TrialModel], first: State) -> Solution | None:
-    """Trials at given parameters, their own unknowns estimated: at the sample, along the path, which does not lose the
-    motion where a breakaway is missed, and begun at rest; of each trial the best, and with a bristle the best around
-    it. None where they cannot be simulated."""
-    problem, at = path.problem, (first.u, first.u)
-    evaluate, widths = problem.evaluator(models, path.sigmas), problem.resolutions
-    ends = [coarse_to_fine(evaluate, first, at, widths[-1:])]
-    ends += [end for end, _ in followed(path, [first.u], path.stages, {})]
-    if not any(ends):
-        return None
-    best = min(filter(None, ends), key=lambda end: end.state.cost)
-    ends += [coarse_to_fine(evaluate, state, at, widths[-1:]) for state in beginnings(problem, best.state)]
-    best = assembled(evaluate, best, [end.state.locals for end in ends if end is not None], at)
-    alone = problem.apart(models, path.sigmas)
-    return lowest_of_trials(evaluate, alone, best, at, widths) if problem.simulator.bristles else best
+def own_unknowns(path: Path, models: Sequence[TrialModel], first: State) -> Solution:
+    """Trials at given parameters, where they have nothing in common: the own unknowns of each, by itself.
+
+    At the sample, along the path, which does not lose the motion where a breakaway is missed, and begun at rest; the
+    best of these, and with a bristle the best around it.
+
+    Args:
+        path: of all trials, with the parameters given.
+        models, first: the trials where a search begins, and their state there, with derivatives.
+    """
+    at = first.u, first.u
+
+    def alone(problem: Problem, k: int) -> Problem:
+        return problem.varied(trials=[problem.trials[k]], counted=True)
+
+    def search(k: int) -> State:
+        problem = alone(path.problem, k)
+        evaluate, widths = problem.evaluator([models[k]], path.sigmas), problem.resolutions
+        begun = State(first.u, (first.locals[k],), (first.pieces[k],))
+        ends = [levenberg_marquardt(evaluate, begun, at, damping=0.0, **CLOSELY)]
+        own = replace(path, problem=problem, held=path.held and alone(path.held, k))
+        ends += [end for end, _ in followed(own, [first.u], own.stages, {})]
+        best = min(ends, key=lambda end: end.state.cost)
+        rests = [coarse_to_fine(evaluate, state, at, widths[-1:]) for state in beginnings(problem, best.state)]
+        best = min([best, *filter(None, rests)], key=lambda end: end.state.cost)
+        return (lowest_of_trials(evaluate, [evaluate], best, at, widths) if problem.simulator.bristles else best).state
+
+    found = in_parallel(search, [float(len(model.t)) for model in models])
+    whole = State(first.u, tuple(state.locals[0] for state in found), tuple(state.pieces[0] for state in found))
+    return Solution(whole, ENDED)
 
 
 def _held_out(bench: Bench, fit: Fit) -> tuple[Problem, tuple[TrialModel, ...], State, Evaluate] | None:

@@ -15,7 +15,9 @@ from frictionpinn.diagnose.fit import Fit
 from frictionpinn.diagnose.held_out import check, surprise
 from frictionpinn.identify import Problem
 from frictionpinn.identify.tether import Path, tethered
+from frictionpinn.identify.trial import TrialModel
 from frictionpinn.numerics.descent import Solution
+from frictionpinn.numerics.quadratic import State
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.effects import effects_for
 from frictionpinn.physics.mechanism import Mechanism
@@ -75,20 +77,32 @@ def test_without_held_out_trials_there_is_nothing_to_say():
     assert check(bench, bench.base) is None and surprise(bench, bench.base) is None
 
 
-@pytest.mark.parametrize("seed", [52, 263])
-def test_a_held_out_trial_is_not_judged_by_a_wrong_minimum_of_its_own_unknowns(seed):
-    """The bend of a bristle at which searches end (52), and a motion lost where it turns round (263), at the truth."""
+def at_the_truth(seed: int, only: slice = slice(None)) -> tuple[Path, tuple[TrialModel, ...], State]:
+    """The held-out trials of a draw, or some of them: what a search for their own unknowns is asked with."""
     case = draw(seed, effects=False)
     mechanism = Mechanism(SYSTEMS[case.system](**case.parameters), LAWS[case.law]())
     whole = Problem(mechanism, case.recording.select(case.held_out), sigmas=case.sigmas)
-    problem = whole.varied(values=case.truth, limits=whole.space.reaching(case.truth), prior=False)
+    every = whole.varied(values=case.truth, limits=whole.space.reaching(case.truth), prior=False)
+    problem, held = (p.varied(trials=p.trials[only]) for p in (every, tethered(every)))
     u = problem.space.to_search(case.truth)
     models = problem.models_at(u)
     first = problem.evaluator(models)(u, tuple(model.local for model in models), True)
-    path = Path(problem, tethered(problem), case.sigmas, coarse=True, given=True)
-    found = held_out.own_unknowns(path, models, first)
+    return Path(problem, held, case.sigmas, coarse=True, given=True), models, first
+
+
+@pytest.mark.parametrize("seed", [52, 263])
+def test_a_held_out_trial_is_not_judged_by_a_wrong_minimum_of_its_own_unknowns(seed):
+    """The bend of a bristle at which searches end (52), and a motion lost where it turns round (263), at the truth."""
+    found = held_out.own_unknowns(*at_the_truth(seed))
     count = sum(r.size for piece in found.state.pieces for r in piece.residuals.values())
     assert 2 * found.state.cost < 1.05 * count
+
+
+def test_a_held_out_trial_is_judged_as_if_it_were_the_only_one():
+    both = held_out.own_unknowns(*at_the_truth(263)).state
+    second = held_out.own_unknowns(*at_the_truth(263, slice(1, 2))).state
+    assert both.pieces[1].cost == pytest.approx(second.cost, rel=1e-9)
+    assert both.locals[1] == pytest.approx(second.locals[0], rel=1e-6, abs=1e-9)
 
 
 def test_where_the_parameters_may_move_a_trial_shows_its_way_out_of_a_wrong_minimum(bench, monkeypatch):
