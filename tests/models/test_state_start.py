@@ -118,9 +118,10 @@ def test_friction_beside_a_velocity_that_was_differentiated_is_told_better_by_th
     for compared in ("velocity", "position"):
         model, found, true = swinging(compared)
         assert (model.scales["position_noise"] > 0) == (compared == "position")
-        off[compared] = np.abs(sliding(found, SPEEDS) / sliding(true, SPEEDS) - 1).max()
-    assert off["position"] < 0.8 * off["velocity"]
-    assert off["velocity"] > 0.2
+        off[compared] = np.abs(sliding(found, SPEEDS) / sliding(true, SPEEDS) - 1)
+    assert off["position"][1:].max() < 0.05  # from 1 rad/s on
+    assert off["position"].max() < 0.8 * off["velocity"].max()
+    assert off["velocity"].max() > 0.2
 
 
 def test_what_is_compared_follows_from_what_was_measured(data):
