@@ -28,7 +28,7 @@ from scipy.stats import f
 from ..numerics.descent import CLOSELY, GIVEN, KNOWN, NEAR, ROUGHLY, UNFINISHED, Solution, levenberg_marquardt
 from ..numerics.parallel import in_parallel
 from ..numerics.paths import InputPath, cubic
-from ..numerics.quadratic import SAME_MINIMUM, Evaluate, Known, State, one_valley, same_minimum
+from ..numerics.quadratic import SAME_MINIMUM, Evaluate, Known, State, same_minimum
 from ..numerics.simulate import ContactLost, SimulationFailed, Simulator
 from ..numerics.whiteness import SIGNIFICANCE
 from ..physics.base import Parameter
@@ -37,7 +37,9 @@ from ..physics.system import Coordinate
 from .problem import Problem
 from .trial import TrialModel
 
-AS_NEAR = 6.0  # log-likelihood (:attr:`State.unit`), 400 to 1: as near to the best at the sample another stays, too
+# Log-likelihood at the sample, in units of what residuals are worth there (:attr:`State.unit`): another search that is
+# as near is followed to the next tether as well; 400 to 1.
+AS_NEAR = 6.0
 RATE = Parameter("tether", "1/s", "how fast the motion returns to the measured one", value=0.0)
 FADING = 2.0  # times longer is each tether than the one before
 LONGEST = 3.0  # times the longest trial: a tether that holds hardly anything
@@ -164,10 +166,10 @@ def lowest(path: Path, us: Sequence[np.ndarray], count: int) -> list[np.ndarray]
 
 
 def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen: Seen) -> list[Found]:
-    """Fits of the whole trials, best first: down to the sample one in each valley, since the lowest at a coarse
-    resolution is often another one, and from one tether to the next the best of these. Another stays beside it as long
-    as it is about as good but elsewhere. Those that are followed are added to what was ``seen`` by searches at these
-    noise levels: what comes to such a minimum would go its way, and is left, as is what is far above one at the sample.
+    """Fits of the whole trials, best first: all starts down to the sample, since the lowest at a coarse resolution is
+    often another one, and from one tether to the next the best of these. Another stays beside it as long as it is about
+    as good but elsewhere. What comes to a minimum that was ``seen`` by a search at these noise levels would go its way,
+    and is left; those that are followed are added.
 
     Empty where all are left, or where the best comes to no end at the sample, however closely it is held: that is too
     rugged to begin with. (An imposed motion is not: it takes long where a body rests.)
@@ -208,11 +210,9 @@ def followed(path: Path, us: Sequence[np.ndarray], stages: Sequence[Stage], seen
         if path.held and not path.coarse and stage == stages[0] and lower[0][0].reason == UNFINISHED:
             return []
         best, ends = lower[0][0].state, []
-        near = min([best.cost, *(minimum.cost for minimum in seen.get(stage, ()))]) + AS_NEAR * best.unit
         for end in lower:
-            one = partial(one_valley, path.cost(end[1], stage)) if stage[1] else same_minimum
-            good = stage[1] > 0 or end[0].state.cost <= near
-            apart = good and not any(one(other.state, end[0].state) for other, *_ in ends)
+            near = stage[1] > 0 or end[0].state.cost <= best.cost + AS_NEAR * best.unit
+            apart = near and not any(same_minimum(other.state, end[0].state) for other, *_ in ends)
             if end[0].reason != KNOWN and (apart or stage == last):
                 ends.append(end)
         if not ends:

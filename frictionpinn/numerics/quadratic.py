@@ -20,7 +20,6 @@ LONGEST_STEP = 1.0  # in log u: a parameter changes by at most a factor e in one
 FAINT = 0.01  # added to the curvature in log u: that of an unknown told to ten powers of e, which tells nothing
 LEAST = 1e-200  # information that counts as none: its inverse and the products of two such are still numbers
 SAME_MINIMUM = 0.2  # log-likelihood (:attr:`State.unit`): a point that is as near to a minimum as that lies in it
-BETWEEN = (0.5, 0.25, 0.75)  # of the way from one state to another: where a barrier between them is looked for
 
 
 @dataclass(frozen=True)
@@ -189,15 +188,3 @@ class Known:
 def same_minimum(best: State, state: State) -> bool:
     """Whether a state lies in the minimum of ``best``."""
     return Known.of(best).holds(state.u, state.cost)
-
-
-def one_valley(evaluate: Evaluate, low: State, high: State) -> bool:
-    """Whether two states lie in one valley of a smooth cost: nowhere on the straight line between them does it rise
-    above the higher one. Searches end anywhere along a flat valley, and where that is bent, above its floor."""
-
-    def at(share: float) -> float:
-        u = low.u + share * (high.u - low.u)
-        between = evaluate(u, [x + share * (y - x) for x, y in zip(low.locals, high.locals, strict=True)], False)
-        return np.inf if between is None else between.cost
-
-    return all(at(share) < high.cost + SAME_MINIMUM * high.unit for share in BETWEEN)

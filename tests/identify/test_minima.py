@@ -13,7 +13,7 @@ from frictionpinn.data.simulated import simulate_recording
 from frictionpinn.identify import maximum_likelihood
 from frictionpinn.numerics.descent import Solution, levenberg_marquardt
 from frictionpinn.numerics.minima import assembled, carried, lowest_of_trials
-from frictionpinn.numerics.quadratic import Piece, State, one_valley
+from frictionpinn.numerics.quadratic import Piece, State
 from frictionpinn.physics import SYSTEMS
 from frictionpinn.physics.contacts import by_parameter, law_named
 from frictionpinn.physics.mechanism import Mechanism
@@ -116,26 +116,3 @@ def test_less_static_friction_that_is_lost_at_a_higher_velocity_is_no_minimum_to
     found = maximum_likelihood(mechanism, recording, free=free, fixed=fixed)
     for name in free:
         assert found.ci95[name][0] < truth[name] < found.ci95[name][1]
-
-
-@pytest.mark.parametrize(("cost", "joined"), [
-    (lambda u: 1000 * (u[1] ** 2 - 1) ** 2, False),  # two wells
-    (lambda u: 1e-6 * (u[0] + u[1]), True),  # a slope that hardly shows
-    (lambda u: 0.1 * (1 - u[1] ** 2), True),  # a barrier that shows as little
-    (lambda u: None if abs(u[1]) < 0.1 else 0.0, False),  # between them nothing can be simulated
-])  # fmt: skip
-def test_states_without_a_barrier_between_them_lie_in_one_valley(cost, joined):
-    def evaluate(u, locals_, derivatives):
-        value = cost(u + locals_[0])
-        return None if value is None else State(u, tuple(locals_), (Piece(value, {}),))
-
-    low, high = (evaluate(np.array([0.0, at]), (np.zeros(2),), False) for at in (-1.0, 1.0))
-    assert one_valley(evaluate, low, high) is joined
-
-
-def test_what_trials_have_of_their_own_is_carried_along_between_two_states():
-    def evaluate(u, locals_, derivatives):
-        return State(u, tuple(locals_), (Piece(1000 * float((u - locals_[0]) @ (u - locals_[0])), {}),))
-
-    low, high = (evaluate(at, (at,), False) for at in (np.array([0.0, 1.0]), np.array([3.0, -1.0])))
-    assert one_valley(evaluate, low, high)

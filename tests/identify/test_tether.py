@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 from frictionpinn.data.noise import GaussianNoise
 from frictionpinn.data.simulated import simulate_recording
-from frictionpinn.identify import Problem, maximum_likelihood, tether
+from frictionpinn.identify import Problem, maximum_likelihood
 from frictionpinn.identify.likelihood import BEST
 from frictionpinn.identify.start import coarse_design
 from frictionpinn.identify.tether import (
@@ -159,27 +159,16 @@ def test_what_is_not_white_is_looked_for_from_the_coarsest_resolution_from_its_o
     assert white or coarse[0][1:] == (1, BEST)
 
 
-@pytest.mark.parametrize("valleys", [2, 1])
-def test_starts_in_valleys_of_their_own_are_compared_at_the_sample_and_not_before(box, monkeypatch, valleys):
+def test_starts_are_compared_at_the_sample_and_not_before(box, monkeypatch):
     problem, _ = box
-    path, walked = Path(problem, tethered(problem), problem.sigmas, coarse=True), []
+    path, asked, cost = Path(problem, tethered(problem), problem.sigmas, coarse=True), [], Path.cost
+    monkeypatch.setattr(Path, "cost", lambda self, models, stage: asked.append(stage) or cost(self, models, stage))
     monkeypatch.setattr("frictionpinn.identify.tether.AS_NEAR", 0.0)
     monkeypatch.setattr("frictionpinn.identify.tether.same_minimum", lambda *_: False)
-    monkeypatch.setattr("frictionpinn.identify.tether.one_valley", lambda *_: valleys == 1)
-    search = tether.levenberg_marquardt
-    monkeypatch.setattr(tether, "levenberg_marquardt", lambda *own, **how: walked.append(own) or search(*own, **how))
     u, first = problem.space.to_search(problem.start), len(problem.resolutions)
     followed(path, [u, u + 0.3], path.stages[: first + 1], {})
-    assert len(walked) == 2 + valleys * (first - 1) + 1
-
-
-def test_a_search_that_is_worse_at_the_sample_than_one_before_it_was_there_is_left(box, monkeypatch):
-    problem, truth = box
-    path, u, seen = Path(problem, tethered(problem), problem.sigmas), problem.space.to_search(truth), {}
-    assert followed(path, [u], path.stages[:1], seen)
-    wrong = replace(path, given=True)  # stays where it begins
-    assert followed(wrong, [u + 0.3], path.stages[:1], {})
-    assert followed(wrong, [u + 0.3], path.stages[:1], seen) == []
+    assert [asked.count(stage) for stage in path.stages[:first]] == [2] * first
+    assert set(asked[2 * first :]).isdisjoint(path.stages[:first]) and asked.count(path.stages[first]) == 1
 
 
 def test_a_held_cost_counts_among_the_problems_simulations(box):
