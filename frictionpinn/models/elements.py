@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numerics.state_recursions import rates_of, reach_of
+from ..numerics.parallel_bristles import rates_of, reach_of
 
 
 @dataclass(frozen=True)
 class StateFriction:
-    """Friction of bristles in parallel, see :mod:`..numerics.state_recursions`.
+    """Friction of bristles in parallel, see :mod:`..numerics.parallel_bristles`.
 
     Attributes:
         tables: T_1 .. T_K and r at the knots, shape (K + 1, velocities, loads).

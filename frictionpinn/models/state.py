@@ -41,7 +41,7 @@ class StateModel(FrictionModel):
     network with positive outputs: kappa_k T_k, the share of the load at which a bristle slides, is what a motion
     tells best, so the stiffness is free to move under it. Through the motion it begins as LuGre's law
     (:mod:`.black_box_start`), and a weight (``loss.weight``, else ``state.weight``) keeps small how T and r depend on
-    the load. No closed cycle of motion gives energy (:mod:`..numerics.state_recursions`). A parameter estimator has
+    the load. No closed cycle of motion gives energy (:mod:`..numerics.parallel_bristles`). A parameter estimator has
     the law's one bristle: kappa = sigma_0, c = sigma_1, n = 1, no gap, N T = capacity / sigma_0 times exp(network), a
     departure from the law that this weight keeps small, and r = sigma_2. The network is read at the knots of a table,
     which recursion, simulation and export share. Static friction and Stribeck velocity are weakly held to what is known

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from frictionpinn.evaluate.in_motion import simulate_in_motion
 from frictionpinn.models.elements import StateFriction
+from frictionpinn.numerics.parallel_bristles import stretch
 from frictionpinn.numerics.paths import InputPath
 from frictionpinn.numerics.simulate import Simulator
 from frictionpinn.numerics.state_function import Drive, Recursion
-from frictionpinn.numerics.state_recursions import stretch
 from frictionpinn.numerics.torch_functions import contact_signals, motion_feedback
 from frictionpinn.physics import LAWS, SYSTEMS
 from frictionpinn.physics.mechanism import Mechanism
