@@ -15,10 +15,11 @@ from ..numerics.codegen import Kernels, pointer
 from ..numerics.session import ALONE, Session
 from ..numerics.tableau import METHOD
 from ..numerics.whiteness import NORMAL_95
-from ..physics.base import at_contact, contact_of
+from ..physics.base import at_contact
 from ..physics.mechanism import Mechanism
 from .check import check_adapt, check_sensors, finite, parameter_vector
 from .consistency import Consistency
+from .layout import STATE, Layout, moved_by
 from .reading import Reading
 from .tuning import Tuning, tune
 
@@ -26,7 +27,7 @@ LONGEST = 20.0  # typical sample intervals: after a longer gap the estimator sta
 SHARES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)  # of the typical acceleration: what the model may leave out of a sample's
 MOST = 2400  # samples of all training trials together on which the share is chosen
 INEXACT = 1e-3  # of the force: the least standard deviation told, for what integrator and law leave out
-RTOL, ATOL = 1e-4, 1e-5  # of the integrator; relative, and absolute of velocities
+RTOL = 1e-4  # of the integrator
 RESTARTED = "restarted"  # after a gap; of every sample where the times are in another unit than they were tuned in
 STATUS = {0: "ok", 1: "no solution", 2: "contact lost", 3: "no solution"}  # by the integrator's codes
 
@@ -129,65 +130,33 @@ class OnlineEstimator:
 
     # building --------------------------------------------------------------------------------------------------
     def _build(self) -> None:
-        core, mechanism, tuning = _recursions(), self.mechanism, self.tuning
-        n_s, n_w, n_u, _ = self.kernels.sizes
-        m, columns = len(mechanism.free), mechanism.input_signals
-        chains, self._first, self._walks = [], [], np.array([rate**2 for rate in self.adapt.values()])
-        offset, rows = n_s, dict[str, tuple[int, int]]()
-        for c, j in ((c, j) for j, c in enumerate(mechanism.free)):
-            rows |= dict(zip(c.signals, ((core.STATE, j), (core.STATE, m + j), (core.RATE, j)), strict=True))
-        for chain in tuning.chains.values():
-            chains.append((offset, chain.order, columns.index(chain.signals[0]), int(len(chain.signals) == 3)))
-            rows |= {name: (core.STATE, offset + k) for k, name in enumerate(chain.signals)}
-            self._first.append((offset, np.array(chain.spread)))
-            offset += chain.order
-        if mechanism.system.massless:
-            rows |= {item.name: (core.FORCE, 0) for item in mechanism.system.inputs}
-        self.signals = tuple(name for name in rows if name in tuning.sigmas)
-        self._rows = np.array([rows[name] for name in self.signals], dtype=np.int64).reshape(-1, 2)
-        self._R = np.array([tuning.sigmas[name] ** 2 for name in self.signals])
-        self._densities = np.array([chain.density for chain in tuning.chains.values()])
-        places = [self.names.index(name) for name in self.adapt]
-        self._size, self._kicks = offset + len(places), np.zeros(n_s)
-        for j, c in enumerate(mechanism.free):
-            self._kicks[m + j] = (self.share * tuning.scales[c.name][2]) ** 2 * tuning.interval
-        atol = np.full(n_s, ATOL * tuning.interval)
-        atol[m : 2 * m] = ATOL
-        self._equations = core.Equations(
-            *self._compiled(), METHOD.a, METHOD.c, METHOD.error,
-            METHOD.order_error, np.array(chains, dtype=np.int64).reshape(-1, 4),
-            np.array([(place, 1) for place in places], dtype=np.int64).reshape(-1, 2), self._p,
-            (m, n_s, n_w, n_u), ALONE.lines(mechanism.clocks), atol, self.kernels.places, RTOL, 1.0,
-            len(self.contacts), self._slips(),
+        m, here = len(self.mechanism.free), Layout.of(self.mechanism, self.kernels, self.tuning, self.adapt, self.share)
+        self._layout, self._walks = here, np.array([rate**2 for rate in self.adapt.values()])
+        self._equations = _recursions().Equations(
+            *self._compiled(), METHOD.a, METHOD.c, METHOD.error, METHOD.order_error, here.chains, here.adapted, self._p,
+            (m, *self.kernels.sizes[:3]), ALONE.lines(self.mechanism.clocks), here.atol, self.kernels.places, RTOL, 1.0,
+            len(self.contacts), here.slips,
         )  # fmt: skip
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Names of the measured signals that the estimator takes."""
+        return self._layout.signals
 
     @property
     def contacts(self) -> tuple[str, ...]:
         """Names of the contacts; one without a name where the system has no other."""
         return self.kernels.contacts
 
-    def _slips(self) -> np.ndarray:
-        """Whether each free coordinate moves the contact of a parameter that adapts, shape (n_adapted, m)."""
-        found = np.zeros((len(self.adapt), len(self.mechanism.free)), dtype=np.bool_)
-        for i, name in enumerate(self.adapt):
-            found[i] = self._moved_by(contact_of(name))
-        return found
-
-    def _moved_by(self, contact: str) -> np.ndarray:
-        """Whether each free coordinate moves a contact, shape (m,); all of them where there is only one."""
-        free, several = self.mechanism.free, len(self.contacts) > 1 and contact
-        return np.array([not several or self.mechanism.system.at(contact).jacobian[c.name] != 0 for c in free], bool)
-
     def reset(self) -> None:
         """Forget all samples; parameters that adapt return to their first values."""
         self._time: float | None = None
         self._consistency.clear()
         self._place(ALONE)
-        self._X, self._P = np.zeros(self._size), np.zeros((self._size, self._size))
-        for i, name in enumerate(self.adapt):
-            self._X[self._size - len(self.adapt) + i] = np.log(self._p[self.names.index(name)])
-        first = self._size - len(self.adapt)
-        self._P[first:, first:] = self.covariance
+        here = self._layout
+        self._X, self._P = np.zeros(here.size), np.zeros((here.size, here.size))
+        self._X[here.kept :] = np.log(self._p[here.adapted])
+        self._P[here.kept :, here.kept :] = self.covariance
 
     def _place(self, session: Session) -> None:
         self._equations = self._equations._replace(clocks=session.lines(self.mechanism.clocks))
@@ -198,21 +167,20 @@ class OnlineEstimator:
         Returns:
             the sample without what the state took from it, which must not correct it again.
         """
-        core, m, n_s = _recursions(), len(self.mechanism.free), self.kernels.sizes[0]
-        X, P = self._X, self._P
-        kept = self._size - len(self.adapt)
+        m, n_s, here = len(self.mechanism.free), self.kernels.sizes[0], self._layout
+        X, P, kept = self._X, self._P, here.kept
         X[:kept], P[:kept], P[:, :kept] = 0.0, 0.0, 0.0
-        for offset, spread in self._first:
+        for (offset, *_), spread in zip(here.chains, here.spreads, strict=True):
             part = np.arange(offset, offset + len(spread))
             P[part, part] = spread**2
         for j, c in enumerate(self.mechanism.free):
             P[j, j], P[m + j, m + j] = (np.square(self.tuning.scales[c.name][:2]) * 9.0).tolist()
-        for k, (kind, index) in enumerate(self._rows):  # position and velocity as measured, with the sensor's variance
-            if kind == core.STATE and np.isfinite(y[k]):
-                X[index], P[index, index] = y[k], self._R[k]
+        for k, (kind, index) in enumerate(here.rows):  # position and velocity as measured, with the sensor's variance
+            if kind == STATE and np.isfinite(y[k]):
+                X[index], P[index, index] = y[k], here.variances[k]
         if n_s > 2 * m:
             self._start_bristle()
-        taken = [kind == core.STATE and X[index] == value for (kind, index), value in zip(self._rows, y, strict=True)]
+        taken = [kind == STATE and X[index] == value for (kind, index), value in zip(here.rows, y, strict=True)]
         return np.where(taken, np.nan, y)
 
     def _start_bristle(self) -> None:
@@ -229,7 +197,7 @@ class OnlineEstimator:
             held, fast = steady_bristles(self.kernels, sliding, u, p), np.abs(X[m : 2 * m]) > 3 * deviation
             for i, k in enumerate(self.kernels.bristles):
                 place, known = n_s - len(held) + i, bool(np.isfinite(held[i]))
-                slips = bool((fast & self._moved_by(self.contacts[k])).any())
+                slips = bool((fast & moved_by(self.mechanism, self.kernels, self.contacts[k])).any())
                 state[place] = held[i] if slips and known else 0.0
                 P[place, place] = held[i] ** 2 if known else 0.0
         if not moves:
@@ -249,7 +217,7 @@ class OnlineEstimator:
             UserError: a time that does not increase, a signal that the estimator does not know, a value that is no
                 number. The estimator stays as it was.
         """
-        core, y = _recursions(), self._sample(signals)
+        core, here, y = _recursions(), self._layout, self._sample(signals)
         if not finite(t):
             raise UserError("not a finite time", where="t", received=repr(t), allowed="a number of seconds")
         if self._time is not None and not t > self._time:
@@ -261,11 +229,11 @@ class OnlineEstimator:
             y = self._start(y)
         else:
             status = core.predict(
-                self._equations, self._X, self._P, self._kicks, self._walks, self._densities, last, t - last,
+                self._equations, self._X, self._P, here.kicks, self._walks, here.densities, last, t - last,
             )  # fmt: skip
         self._time = float(t)
         _, forces, variances, square, freedom = core.correct(
-            self._equations, self._X, self._P, y, self._R, self._rows, float(t)
+            self._equations, self._X, self._P, y, here.variances, here.rows, float(t)
         )
         reach = NORMAL_95 * np.sqrt(variances + (INEXACT * forces) ** 2)
         told = STATUS[status] if last is None or t - last <= LONGEST * self.tuning.interval else RESTARTED
@@ -311,7 +279,7 @@ class OnlineEstimator:
                             allowed="one trial of a recording", fix="take recording.trials[0]")  # fmt: skip
         self.reset()
         self._place(trial.session)
-        system, Y = self.mechanism.system, np.full((len(trial.t), len(self.signals)), np.nan)
+        system, here, Y = self.mechanism.system, self._layout, np.full((len(trial.t), len(self.signals)), np.nan)
         inputs = [] if system.massless else [item.name for item in system.inputs]
         for k, name in enumerate(self.signals):
             if name in trial.signals:
@@ -321,18 +289,18 @@ class OnlineEstimator:
         self._time = float(trial.t[0])
         Y[0] = self._start(Y[0])
         loglik, forces, variances, squares, freedoms, states = _recursions().run(
-            self._equations, self._X, self._P, self._kicks, self._walks, self._densities,
-            np.ascontiguousarray(trial.t, dtype=float), Y, self._R, self._rows,
+            self._equations, self._X, self._P, here.kicks, self._walks, here.densities,
+            np.ascontiguousarray(trial.t, dtype=float), Y, here.variances, here.rows,
         )  # fmt: skip
         self._time = float(trial.t[-1])
-        stds, first = np.sqrt(variances + (INEXACT * forces) ** 2), self._size - len(self.adapt)
+        stds = np.sqrt(variances + (INEXACT * forces) ** 2)
         samples = zip(trial.t.tolist(), squares.tolist(), freedoms.tolist(), strict=True)
         consistent = np.array([self._consistency.add(*sample) for sample in samples])
         found = {"consistent": consistent}
         for contact, force, std in zip(self.contacts, forces.T.copy(), stds.T.copy(), strict=True):
             told = {"force": force, "low": force - NORMAL_95 * std, "high": force + NORMAL_95 * std, "std": std}
             found |= {at_contact(contact, name): values for name, values in told.items()}
-        found |= {name: np.exp(states[:, first + i]) for i, name in enumerate(self.adapt)}
+        found |= dict(zip(self.adapt, np.exp(states[:, here.kept :]).T, strict=True))
         return found | {"log_likelihood": np.array(loglik)}
 
     def log_likelihood(self, trials: Iterable[Trial]) -> float:
@@ -348,5 +316,5 @@ class OnlineEstimator:
     @property
     def deviations(self) -> dict[str, float]:
         """Relative standard deviation of every parameter that adapts."""
-        first = self._size - len(self.adapt)
-        return {name: float(np.sqrt(self._P[first + i, first + i])) for i, name in enumerate(self.adapt)}
+        deviations = np.sqrt(self._P.diagonal()[self._layout.kept :])
+        return dict(zip(self.adapt, deviations.tolist(), strict=True))

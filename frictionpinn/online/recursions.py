@@ -1,8 +1,8 @@
 """The filter's recursions, compiled: sigma points through the stiff equation of motion, correction by one sample.
 
 State X = (s, chains, parameters): the mechanism's own state s = (q, v, states of effects, z); for every driven
-coordinate and input a chain of its value and derivatives, the last of which is a Wiener process; and the logarithm (or
-the value) of every parameter that adapts. A chain is its own Taylor polynomial over a step, so the integrator of the
+coordinate and input a chain of its value and derivatives, the last of which is a Wiener process; and the logarithm of
+every parameter that adapts. A chain is its own Taylor polynomial over a step, so the integrator of the
 simulator takes it as it is.
 
 Means go through the equations as they are; covariances as sums of half differences between two points a root of the
@@ -19,10 +19,9 @@ from numba import njit
 
 from ..numerics.integrator import OK, OPTIONS, begin, integrate
 from ..numerics.kalman_recursions import transition
+from .layout import FORCE, RATE, STATE
 
-STATE, RATE, FORCE = 0, 1, 2  # what a measured signal shows: a component of X, of w = (a, z'), the friction force
 OFFSET, ORDER, COLUMN, MOTION = 0, 1, 2, 3  # columns of the table of chains
-INDEX, LOGARITHM = 0, 1  # columns of the table of parameters: place in p, whether X holds the logarithm
 FACTORIAL = np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0])
 SINGULAR = 1e-13  # pivot over its diagonal element below which a variance counts as zero
 SURE = 2.0  # standard deviations of a velocity that count as motion
@@ -37,7 +36,7 @@ class Equations(NamedTuple):
         newton, outputs: addresses of the compiled kernels.
         a, c, error, order: the integrator's tableau.
         chains: offset in X, number of states, column in u, whether it is a coordinate; shape (n_chains, 4).
-        adapted: place in p, whether X holds the logarithm, of the parameters that end X; shape (n_adapted, 2).
+        adapted: place in p of the parameters whose logarithms end X, shape (n_adapted,).
         p: all parameters; those that adapt are overwritten.
         sizes: m (free coordinates), n_s, n_w, n_u.
         clocks: value at t = 0 and slope of the clocks that are the last inputs, shape (n_clocks, 2).
@@ -88,8 +87,7 @@ def parameters(eq, X):
     """All parameters, those of X put in their places."""
     p, count = eq.p.copy(), eq.adapted.shape[0]
     for i in range(count):
-        value = X[X.shape[0] - count + i]
-        p[eq.adapted[i, INDEX]] = np.exp(value) if eq.adapted[i, LOGARITHM] else value
+        p[eq.adapted[i]] = np.exp(X[X.shape[0] - count + i])
     return p
 
 
