@@ -6,14 +6,5 @@ from .problem import Problem
 from .profile import Profile, profile
 from .result import Estimate
 
-__all__ = [
-    "Bound",
-    "Estimate",
-    "Problem",
-    "Profile",
-    "Ranked",
-    "bound",
-    "maximum_likelihood",
-    "profile",
-    "rank_experiments",
-]
+__all__ = ["Bound", "Estimate", "Problem", "Profile", "Ranked", "bound", "maximum_likelihood", "profile",
+           "rank_experiments"]  # fmt: skip

@@ -8,15 +8,15 @@ past samples (:mod:`frictionpinn.numerics.stops`). So the search goes
 
 1. over whole trials, noisy inputs among the unknowns, held to the motion that was measured and let go of, each minimum
    the start of the next (:mod:`frictionpinn.identify.tether`), at the noise levels that the residuals show
-   (:func:`_settled`);
+   (:func:`_settled`): from the sample, or where that is too rugged from a coarse resolution in time;
 2. around what was found, with a bristle in each trial's own unknowns (:func:`lowest_of_trials`), and by ways that show
    lower minima of the parameters (:func:`lowest_around`). Trials share the parameters alone: the likelihood has its
    minima trial by trial: hardly any search ends in the lowest of every trial, but among a few each trial has been
    there, and they are put together (:func:`frictionpinn.numerics.minima.assembled`);
-3. where that leaves what is not white, once more from a coarse resolution in time to the sample before, unless the
-   motion is imposed and no error adds up, and from other starts, too: a design over what the sliding samples do not
-   tell and a grid over what moves together, those that fit best held by the shortest tether (:func:`_elsewhere`). Where
-   the profile of a parameter that is told poorly then goes lower, around that.
+3. where that leaves what is not white, once more from a coarse resolution, unless the motion is imposed and no error
+   adds up, and from other starts, too: a design over what the sliding samples do not tell and a grid over what moves
+   together, those that fit best held by the shortest tether (:func:`_elsewhere`). Where the profile of a parameter that
+   is told poorly then goes lower, around that.
 """
 
 from __future__ import annotations
@@ -102,7 +102,13 @@ def maximum_likelihood(
     given = [problem.start] if start is None else [problem.start, problem.start | dict(start)]
     us, held, sigmas = [problem.space.to_search(p) for p in given], tethered(problem), dict(problem.sigmas)
     path, seen = Path(problem, held, sigmas, coarse=held is None and bool(problem.mechanism.free)), Seen()
-    best = _best(problem, followed(path, us, path.stages, seen), sigmas, thorough)
+    ends = followed(path, us, path.stages, seen)
+    if not ends and held is not None:  # too rugged at the sample
+        coarse = replace(path, coarse=True)
+        ends = followed(coarse, us, coarse.stages, {})
+        if ends and not _explains(problem, ends[0][1], _settled(problem, ends[0][1], ends[0][0], sigmas)[0].state):
+            ends = []
+    best = _best(problem, ends, sigmas, thorough)
     if best is None or not _white(problem, best[0].state):  # another start may explain more
         found, sigmas = _elsewhere(problem, held, us, seen)
         again = best and _minimum(problem, best[1], best[0].state, sigmas, **CLOSELY)
@@ -114,7 +120,7 @@ def maximum_likelihood(
     for left in range(REFITS)[::-1]:
         solution, models, sigmas = best
         beside = neighbours(problem.evaluator(models, sigmas), solution.state, problem.space.limits) if thorough else []
-        white = _white(problem, solution.state) and not _drawn_away(problem, models, solution.state)
+        white = _explains(problem, models, solution.state)
         spent = time.perf_counter() - began, problem.simulations - before
         minimum = Minimum(solution.state, solution.reason, models)
         estimate, profiled = finish(problem, minimum, sigmas, *spent, beside=beside, profiles=profiles, white=white)
@@ -221,6 +227,11 @@ def _white(problem: Problem, state: State) -> bool:
     return state.white(problem.channels.outputs, round(problem.resolutions[0] / problem.interval))
 
 
+def _explains(problem: Problem, models: Sequence[TrialModel], state: State) -> bool:
+    """Whether a fit leaves noise alone, and hides nothing in noisy inputs."""
+    return _white(problem, state) and not _drawn_away(problem, models, state)
+
+
 def _drawn_away(problem: Problem, models: Sequence[TrialModel], state: State) -> bool:
     """Whether noisy inputs are found farther from what was measured than their noise explains (F-test): what a model
     lacks may hide there, as a constant force does, and leave the outputs white.
@@ -304,11 +315,8 @@ def _sigmas_of(problem: Problem, models: Sequence[TrialModel], state: State) -> 
     for name in set(problem.sigmas) - set(problem.given):
         r, used = state.left(name), 0.0
         for item in (item for model in models for item in model.inputs if name in item.names):
-            parts = {
-                own: design.T @ design / problem.sigmas[own] ** 2
-                for design, own in zip(item.basis.design, item.names, strict=True)
-                if own in problem.sigmas
-            }
+            designs = zip(item.names, item.basis.design, strict=True)
+            parts = {own: A.T @ A / problem.sigmas[own] ** 2 for own, A in designs if own in problem.sigmas}
             used += float(np.trace(np.linalg.pinv(sum(parts.values()), hermitian=True) @ parts[name]))
         if name in outputs:
             used += (len(problem.names) + sum(len(m.states) for m in models)) / len(outputs)

@@ -1,6 +1,7 @@
 """Maximum likelihood recovers what made the data, says how well, and names what the data do not tell."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -77,6 +78,28 @@ def test_a_fit_goes_on_from_where_the_profile_of_a_parameter_goes_below_it(monke
     estimate = maximum_likelihood(problem, thorough=False)
     assert len(found) > 1
     assert estimate.cost == found[-1] < found[0] - 1.0
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.3])
+def test_where_the_sample_is_too_rugged_the_start_is_followed_from_coarse_and_others_only_if_that_hides_a_force(
+    monkeypatch, offset
+):
+    mechanism, _, _, noisy, _ = case("drive", "lugre")
+    shifted = [
+        replace(trial, signals=trial.signals | {"force": trial.signals["force"] + offset}) for trial in noisy.trials
+    ]
+    recording, followed, searches = replace(noisy, trials=tuple(shifted)), likelihood.followed, []
+    plain = maximum_likelihood(mechanism, recording, profiles=False)
+
+    def too_rugged_at_the_sample(path, us, stages, seen):
+        searches.append((path.coarse, len(us)))
+        return followed(path, us, stages, seen) if path.coarse else []
+
+    monkeypatch.setattr(likelihood, "followed", too_rugged_at_the_sample)
+    estimate = maximum_likelihood(mechanism, recording, profiles=False)
+    assert searches[:2] == [(False, 1), (True, 1)]
+    assert (len(searches) == 2) == (estimate.outcome == "converged") == (offset == 0.0)
+    assert estimate.cost < plain.cost + 1.0
 
 
 @pytest.mark.parametrize(
