@@ -56,7 +56,7 @@ class Layout:
         """The layout of a mechanism's estimator, see :class:`.OnlineEstimator` for the arguments."""
         n_s, m, columns = kernels.sizes[0], len(mechanism.free), mechanism.input_signals
         rows = dict[str, tuple[int, int]]()
-        for c, j in ((c, j) for j, c in enumerate(mechanism.free)):
+        for j, c in enumerate(mechanism.free):
             rows |= dict(zip(c.signals, ((STATE, j), (STATE, m + j), (RATE, j)), strict=True))
         chains, offset = [], n_s
         for chain in tuning.chains.values():

@@ -2,8 +2,8 @@
 
 State X = (s, chains, parameters): the mechanism's own state s = (q, v, states of effects, z); for every driven
 coordinate and input a chain of its value and derivatives, the last of which is a Wiener process; and the logarithm of
-every parameter that adapts. A chain is its own Taylor polynomial over a step, so the integrator of the
-simulator takes it as it is.
+every parameter that adapts. A chain is its own Taylor polynomial over a step, so the integrator of the simulator takes
+it as it is.
 
 Means go through the equations as they are; covariances as sums of half differences between two points a root of the
 covariance to either side, which keeps them positive (the divided-difference filter of Norgaard, Poulsen and Ravn,
