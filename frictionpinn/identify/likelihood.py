@@ -106,8 +106,9 @@ def maximum_likelihood(
     if not ends and held is not None:  # too rugged at the sample
         coarse = replace(path, coarse=True)
         ends = followed(coarse, us, coarse.stages, {})
-        if ends and not _explains(problem, ends[0][1], _settled(problem, ends[0][1], ends[0][0], sigmas)[0].state):
-            ends = []
+        alone = _best(problem, ends, sigmas, thorough=False)
+        ends = [alone[:2], *ends[1:]] if alone and _explains(problem, alone) else []
+        sigmas = alone[2] if alone else sigmas
     best = _best(problem, ends, sigmas, thorough)
     if best is None or not _white(problem, best[0].state):  # another start may explain more
         found, sigmas = _elsewhere(problem, held, us, seen)
@@ -120,7 +121,7 @@ def maximum_likelihood(
     for left in range(REFITS)[::-1]:
         solution, models, sigmas = best
         beside = neighbours(problem.evaluator(models, sigmas), solution.state, problem.space.limits) if thorough else []
-        white = _explains(problem, models, solution.state)
+        white = _explains(problem, best)
         spent = time.perf_counter() - began, problem.simulations - before
         minimum = Minimum(solution.state, solution.reason, models)
         estimate, profiled = finish(problem, minimum, sigmas, *spent, beside=beside, profiles=profiles, white=white)
@@ -227,9 +228,9 @@ def _white(problem: Problem, state: State) -> bool:
     return state.white(problem.channels.outputs, round(problem.resolutions[0] / problem.interval))
 
 
-def _explains(problem: Problem, models: Sequence[TrialModel], state: State) -> bool:
+def _explains(problem: Problem, best: Best) -> bool:
     """Whether a fit leaves noise alone, and hides nothing in noisy inputs."""
-    return _white(problem, state) and not _drawn_away(problem, models, state)
+    return _white(problem, best[0].state) and not _drawn_away(problem, best[1], best[0].state)
 
 
 def _drawn_away(problem: Problem, models: Sequence[TrialModel], state: State) -> bool:

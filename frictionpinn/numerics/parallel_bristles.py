@@ -30,7 +30,7 @@ SMALL = 1e-4  # below it (1 - exp(-x)) / x and its derivative are taken from the
 
 @compiled
 def place(grid, w, N):
-    """Cell and shares of a point: i, j, x, y and dx/dw. grid: v0, first and step of asinh(w / v0), first N and step."""
+    """Position on the knots of w, its slope, that on those of N. grid: v0, first asinh(w / v0), step, first N, step."""
     position = (np.arcsinh(w / grid[0]) - grid[1]) / grid[2]
     slope = 1.0 / (np.sqrt(w * w + grid[0] * grid[0]) * grid[2])
     load = (N - grid[3]) / grid[4]
